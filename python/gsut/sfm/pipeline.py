@@ -18,6 +18,7 @@ from gsut.data.images import read_header
 from gsut.data.rigs import Rig
 from gsut.data.scene import capture_state
 from gsut.output_folder import claim_folder
+from gsut.sfm.learned import add_learned_features
 from gsut.sfm.lens import (
     find_zooms,
     free_center,
@@ -25,7 +26,6 @@ from gsut.sfm.lens import (
     judge_lens,
     search_lenses,
 )
-from gsut.sfm.learned import add_learned_features
 from gsut.sfm.mapping import Mapping, PosesLog
 from gsut.sfm.matches import (
     WINDOW,
@@ -303,23 +303,26 @@ def _expect_stages(mapping: Mapping) -> None:
 
 
 def _map_connected(mapping: Mapping) -> Mapping:
-    """Estimates poses and points, by learned features too where SIFT's leave images out."""
+    """Estimates poses and points, by learned features too where those of SIFT leave images out."""
     failure: SolveError | None = None
-    plain = mapping
+    plain, absent, notes = mapping, np.ones(len(mapping.photographs), bool), mapping.log.notes
+    before = list(notes)
     try:
         plain = register_left_out(_map_photographs(mapping))
         absent = ~plain.solved.registered
     except SolveError as error:
-        failure, absent = error, np.ones(len(mapping.photographs), bool)
+        failure = error
     more = add_learned_features(mapping, absent) if absent.any() else None
     if more is not None:
+        after, notes[:] = list(notes), before
         with contextlib.suppress(SolveError):
             joined = register_left_out(_map_photographs(more))
-            added = absent & joined.solved.registered
             if joined.solved.num_registered > np.count_nonzero(~absent):
-                names = [mapping.photographs.names[i] for i in np.flatnonzero(added)]
+                found = np.flatnonzero(absent & joined.solved.registered)
+                names = [mapping.photographs.names[i] for i in found]
                 joined.log.note(f"learned features (XFeat) connected {list_some(names)}")
                 return joined.add_findings({"learned": names})
+        notes[:] = after
     if failure is not None:
         raise failure
     return plain

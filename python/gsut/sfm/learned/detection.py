@@ -8,10 +8,8 @@ from gsut.sfm.learned.network import CELL, MULTIPLE, Maps, run_network
 from gsut.sfm.learned.weights import Weights
 from gsut.sfm.photographs import DESCRIPTOR_SCALE, Features
 
-# Pixels of the longest side of the pictures that the network sees: it bears a factor of about two
-# in scale, and photographs far apart differ by more.
-LONGEST_SIDES = (800, 400)
-MOST_FEATURES = 4096  # of each of these pictures, the best
+LONGEST_SIDE = 800  # pixels of the picture that the network sees
+MOST_FEATURES = 4096  # of a picture, the best
 _LEAST_SCORE = 0.05  # of a keypoint: the probability that the network was trained to cut at
 _SUPPRESSED = 5  # pixels, side of the square in which only the best keypoint stays
 _BICUBIC = -0.75  # parameter of the cubic that the descriptors were trained with
@@ -30,44 +28,34 @@ def detect_learned(
             features are those of the picture as it is.
 
     Returns:
-        The features, best first of each size. Descriptors hold the positive parts of the
+        The features, best first, all of one size. Descriptors hold the positive parts of the
         network's 64 values, then the negative parts, so that all are positive like SIFT's, and
         differ by less than the values only where signs do.
     """
-    upright = np.ascontiguousarray(np.rot90(pixels, turns))
-    longest = max(upright.shape)
-    sides = [side for side in LONGEST_SIDES if side < longest] or [longest]
-    found = [_detect(weights, upright, side / longest) for side in sides]
-    at, sizes, descriptors = (np.concatenate(parts) for parts in zip(*found, strict=True))
-    height, width = pixels.shape[:2]
-    at = _turn_back(at, turns, width, height)
-    corner = np.clip(at.astype(int), 0, [width - 1, height - 1])
-    kept = slice(None) if valid is None else valid[corner[:, 1], corner[:, 0]]
-    colors = pixels[corner[kept, 1], corner[kept, 0]]
-    return Features(at[kept], sizes[kept], descriptors[kept], colors)
-
-
-def _detect(
-    weights: Weights, picture: np.ndarray, scale: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Finds pixels (N, 2), sizes and descriptors of features in a picture of another scale."""
     import cv2
 
+    upright = np.ascontiguousarray(np.rot90(pixels, turns))
+    scale = min(1.0, LONGEST_SIDE / max(upright.shape))
     tall, wide = (
-        max(MULTIPLE, round(scale * side / MULTIPLE) * MULTIPLE) for side in picture.shape[:2]
+        max(MULTIPLE, round(scale * side / MULTIPLE) * MULTIPLE) for side in upright.shape[:2]
     )
-    small = cv2.resize(picture, (wide, tall), interpolation=cv2.INTER_AREA)
-    maps = run_network(weights, small)
+    maps = run_network(weights, cv2.resize(upright, (wide, tall), interpolation=cv2.INTER_AREA))
     at, scores, offsets = find_keypoints(maps)
-    best = np.argsort(-scores, kind="stable")[:MOST_FEATURES]
+    # The network's pixel (0, 0) is the centre of the top-left one.
+    inside = (at + offsets + 0.5) * np.array(upright.shape[1::-1]) / np.array([wide, tall])
+    height, width = pixels.shape[:2]
+    own = _turn_back(inside, turns, width, height)
+    corner = np.clip(own.astype(int), 0, [width - 1, height - 1])
+    if valid is not None:
+        scores = np.where(valid[corner[:, 1], corner[:, 0]], scores, 0)
+    best = np.argsort(-scores, kind="stable")[: min(MOST_FEATURES, np.count_nonzero(scores))]
     values = sample_descriptors(maps, at[best])
     split = np.maximum(np.concatenate([values, -values], axis=1), 0)
-    # The network's pixel (0, 0) is the centre of the top-left one.
-    factor = np.array(picture.shape[1::-1]) / np.array([wide, tall])
-    return (
-        (at + offsets + 0.5)[best] * factor,
+    return Features(
+        own[best],
         np.full(len(best), CELL / scale, np.float32),
         np.minimum(np.rint(DESCRIPTOR_SCALE * split), 255).astype(np.uint8),
+        pixels[corner[best, 1], corner[best, 0]],
     )
 
 
@@ -132,7 +120,7 @@ def _sample(maps: np.ndarray, at: np.ndarray, weigh) -> np.ndarray:
     total = np.zeros((len(at), len(maps)), np.float32)
     for row, by_row in enumerate(weights):
         for column, by_column in enumerate(weights):
-            x, y = (first + [column + 1, row + 1]).T
+            x, y = (first + np.array([column, row]) + 1).T
             total += (by_row[:, 1] * by_column[:, 0])[:, None] * padded[:, y, x].T
     return total
 

@@ -66,9 +66,7 @@ def run_network(weights: Weights, picture: np.ndarray) -> Maps:
     descriptors = apply_last(apply(joined, "block_fusion", (1, 1)), "block_fusion.2")
     trust = apply_last(apply(descriptors, "heatmap_head", (1, 1)), "heatmap_head.2")
     keypoints = apply(_split_cells(grey, CELL), "keypoint_head", (1, 1, 1))
-    return Maps(
-        descriptors, apply_last(keypoints, "keypoint_head.3"), 1 / (1 + np.exp(-trust[0]))
-    )
+    return Maps(descriptors, apply_last(keypoints, "keypoint_head.3"), 1 / (1 + np.exp(-trust[0])))
 
 
 def _convolve(x: np.ndarray, kernels: np.ndarray, bias: np.ndarray, stride: int) -> np.ndarray:

@@ -9,11 +9,12 @@ from functools import partial
 import numpy as np
 
 from gsut import _core
+from gsut._core import InputError
 from gsut.sfm.learned.detection import detect_learned
 from gsut.sfm.learned.weights import INSTALL, Weights, find_weights, read_weights
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import MAX_DISTANCE, RawMatches, verify_matches
-from gsut.sfm.photographs import Features, read_features
+from gsut.sfm.photographs import Features, make_no_features, read_features
 
 _MOST_IMAGES = 40  # up to which all pairs with an image that is left out are compared
 _NO_RATIO = 1.0  # learned descriptors of neighbours are alike, so that Lowe's test says little
@@ -25,10 +26,10 @@ _NEAR = 0.5
 
 
 def add_learned_features(mapping: Mapping, absent: np.ndarray) -> Mapping | None:
-    """Adds learned features, and their matches in all pairs with an image that is left out.
+    """Adds learned features to all images, and their matches to all pairs.
 
-    SIFT's features and matches stay as they are, with the same numbers. Images are turned upright
-    where that gives more matches: the network knows upright pictures.
+    SIFT's features and matches stay as they are, with the same numbers. An image that is left out
+    is turned upright where that gives more near matches: the network knows upright pictures.
 
     Args:
         mapping: with features and matches.
@@ -36,40 +37,35 @@ def add_learned_features(mapping: Mapping, absent: np.ndarray) -> Mapping | None
 
     Returns:
         The run with more features and matches, verified where the lenses are known; None where
-        the network is not installed, which a note says, or the images are many.
+        the network is not installed, which a note says, for a rig, or where the images are many.
     """
     if len(absent) > _MOST_IMAGES or mapping.rig is not None:
         return None
     path = find_weights()
     if path is None:
         mapping.log.note(
-            f"{np.count_nonzero(absent)} of {len(absent)} images are not connected by SIFT; "
-            f"learned features often find more where photographs are far apart: {INSTALL}"
+            f"SIFT does not connect {np.count_nonzero(absent)} of {len(absent)} images; learned "
+            f"features often do where photographs are far apart: {INSTALL}"
         )
         return None
     learned = _read_all(mapping, read_weights(path), absent)
-    firsts, seconds = np.triu_indices(len(absent), 1)
-    pairs = np.stack([firsts, seconds], axis=1)
+    pairs = np.stack(np.triu_indices(len(absent), 1), axis=1)
     matches = _match([features.descriptors for features in learned], pairs)
-    before = [len(features) for features in mapping.features]
-    joined = {tuple(pair): own for pair, own in zip(mapping.raw.pairs, mapping.raw.matches, strict=True)}
-    for pair, own in zip(pairs, matches, strict=True):
-        shifted = (own + np.take(before, pair)).astype(np.int32)
-        old = joined.get(tuple(pair), np.zeros((0, 2), np.int32))
-        joined[tuple(pair)] = np.concatenate([old, shifted])
-    order = sorted(joined)
+    first = [len(features) for features in mapping.features]  # number of each first learned feature
+    before = dict(zip(map(tuple, mapping.raw.pairs), mapping.raw.matches, strict=True))
+    joined = [
+        np.concatenate([before.get(tuple(pair), own[:0]), own + np.take(first, pair)])
+        for pair, own in zip(pairs, matches, strict=True)
+    ]
     more = mapping.replace(
-        features=[
-            _join(own, other) for own, other in zip(mapping.features, learned, strict=True)
-        ],
-        raw=RawMatches(np.array(order, np.int64), [joined[pair] for pair in order]),
+        features=[_join(*both) for both in zip(mapping.features, learned, strict=True)],
+        raw=RawMatches(pairs, [each.astype(np.int32) for each in joined]),
         pairs=[],
-        solution=None,
     )
-    if mapping.photographs.are_lenses_known:
-        on_pairs = mapping.log.follow_pairs("verifying")
-        return more.replace(pairs=verify_matches(more.images, more.raw, mapping.options, on_pairs))
-    return more
+    if not mapping.photographs.are_lenses_known:
+        return more
+    on_pairs = mapping.log.follow_pairs("verifying")
+    return more.replace(pairs=verify_matches(more.images, more.raw, mapping.options, on_pairs))
 
 
 def _read_all(mapping: Mapping, weights: Weights, absent: np.ndarray) -> list[Features]:
@@ -77,10 +73,13 @@ def _read_all(mapping: Mapping, weights: Weights, absent: np.ndarray) -> list[Fe
     photographs, options, log = mapping.photographs, mapping.options, mapping.log
 
     def read(image: int, turns: int) -> Features:
-        return read_features(
-            photographs.paths[image], photographs.cameras[image], options,
-            photographs.masks[image], partial(detect_learned, weights, turns=turns),
-        )  # fmt: skip
+        try:
+            return read_features(
+                photographs.paths[image], photographs.cameras[image], options,
+                photographs.masks[image], partial(detect_learned, weights, turns=turns),
+            )  # fmt: skip
+        except InputError:  # a note said so when SIFT looked at it
+            return make_no_features()
 
     images = range(len(photographs))
     turned = list(itertools.product(np.flatnonzero(absent), range(1, _TURNS)))

