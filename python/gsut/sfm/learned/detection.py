@@ -137,13 +137,13 @@ def _weigh_cubic(t: np.ndarray) -> np.ndarray:
     """
     a = _BICUBIC
 
-    def near(s: np.ndarray) -> np.ndarray:
+    def weigh_near(s: np.ndarray) -> np.ndarray:
         return ((a + 2) * s - (a + 3)) * s * s + 1
 
-    def far(s: np.ndarray) -> np.ndarray:
+    def weigh_far(s: np.ndarray) -> np.ndarray:
         return ((a * s - 5 * a) * s + 8 * a) * s - 4 * a
 
-    return np.stack([far(1 + t), near(t), near(1 - t), far(2 - t)])
+    return np.stack([weigh_far(1 + t), weigh_near(t), weigh_near(1 - t), weigh_far(2 - t)])
 
 
 def _turn_back(at: np.ndarray, turns: int, width: int, height: int) -> np.ndarray:

@@ -62,7 +62,7 @@ def run_network(weights: Weights, picture: np.ndarray) -> Maps:
     eighth = apply(apply(fine, "block2", (1, 1)), "block3", (2, 1, 1))
     sixteenth = apply(eighth, "block4", (2, 1, 1))
     coarse = apply(sixteenth, "block5", (2, 1, 1, 1))
-    joined = eighth + _enlarge(sixteenth, 2) + _enlarge(coarse, 4)
+    joined = eighth + _scale_up(sixteenth, 2) + _scale_up(coarse, 4)
     descriptors = apply_last(apply(joined, "block_fusion", (1, 1)), "block_fusion.2")
     trust = apply_last(apply(descriptors, "heatmap_head", (1, 1)), "heatmap_head.2")
     keypoints = apply(_split_cells(grey, CELL), "keypoint_head", (1, 1, 1))
@@ -92,14 +92,14 @@ def _multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _split_cells(grey: np.ndarray, cell: int) -> np.ndarray:
-    """Rearranges (H, W) to (cell * cell, H / cell, W / cell), the pixels of a cell row by row."""
+    """Stacks the pixels (H, W) of each cell row by row: (cell * cell, H / cell, W / cell)."""
     height, width = grey.shape
     split = grey.reshape(height // cell, cell, width // cell, cell)
     return split.transpose(1, 3, 0, 2).reshape(cell * cell, height // cell, width // cell)
 
 
-def _enlarge(x: np.ndarray, factor: int) -> np.ndarray:
-    """Enlarges (C, H, W) bilinearly."""
+def _scale_up(x: np.ndarray, factor: int) -> np.ndarray:
+    """Interpolates channels (C, H, W) bilinearly at `factor` times their size."""
     import cv2
 
     size = (factor * x.shape[2], factor * x.shape[1])

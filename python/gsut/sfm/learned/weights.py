@@ -97,12 +97,12 @@ def _find_keys(pickled: bytes) -> dict[str, str]:
     storage (digits) of each; strings that repeat stand there as references.
     """
     keys: dict[str, str] = {}
-    name = None
+    name = ""
     for operation, value, _ in pickletools.genops(pickled):
         if operation.name not in ("BINUNICODE", "SHORT_BINUNICODE"):
             continue
-        if "." in value:
-            name = value
-        elif value.isdigit() and name is not None:
-            keys[name], name = value, None
+        if "." in (text := str(value)):
+            name = text
+        elif text.isdigit() and name:
+            keys[name], name = text, ""
     return keys
