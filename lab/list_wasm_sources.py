@@ -32,7 +32,7 @@ def find_sources(dependencies: Iterable[str], log: str) -> set[str]:
         log: of the build, in which the linker names the objects.
     """
     traced = "\n".join(line for line in log.splitlines() if "Building CXX object" not in line)
-    linked = set(re.findall(r"[\w.]+\.cpp\.o", traced))
+    linked = set(re.findall(r"(?<![\w.])[\w.]+\.cpp\.o", traced))
     found, wanted = set(), False
     for line in dependencies:
         if line[:1].strip():

@@ -16,7 +16,7 @@ import numpy as np
 
 from calib.errors import BoardError
 
-_SIZE = re.compile(r"(\d+)\s*[xX×,]\s*(\d+)")
+_SIZE = re.compile(r"(?<!\d)(\d+)\s*[xX×,]\s*(\d+)")
 _FEWEST_CORNERS_A_SIDE = 3  # OpenCV's detectors find no smaller boards
 
 

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import gsut
 from formats.scene_cases import plain_scene
 from gsut import InputError, formats
 from gsut.data.export import copy_file
@@ -126,13 +125,13 @@ def test_ply_writer_leaves_files_and_links_beside_it_alone(tmp_path):
     target.write_text("mine")
     beside.symlink_to(target)
     scene = plain_scene(np.random.default_rng(1), 5)
-    gsut.save_ply(tmp_path / "a.ply", scene)
+    formats.save_ply(tmp_path / "a.ply", scene)
     assert beside.is_symlink()
     assert target.read_text() == "mine"
     link.symlink_to(tmp_path / "a.ply")
-    gsut.save_ply(link, scene[:2])
+    formats.save_ply(link, scene[:2])
     assert link.is_symlink()
-    assert len(gsut.load_ply(tmp_path / "a.ply")) == 2
+    assert len(formats.load_ply(tmp_path / "a.ply")) == 2
     assert sorted(p.name for p in tmp_path.iterdir()) == [
         "a.ply", "a.ply.partial", "link.ply", "target"
     ]  # fmt: skip

@@ -1,6 +1,14 @@
 // Writes a temporary file, flushes it and renames it.
+//
+// What must hold at any moment, for whoever kills the process or pulls the plug:
+//   1. the file of the wanted name is the old one or the whole new one;
+//   2. no other file is opened for writing, whatever it is called: names are new ("x" of fopen,
+//      O_EXCL of the system), and a link of that name is not followed;
+//   3. the disk has all bytes before the name points to them.
+// Python's files have the same in gsut.files.
 #include "gsut/formats/whole_file.h"
 
+// The standard library has neither the number of a process nor a flush to the disk.
 #ifdef _WIN32
 #include <io.h>
 #include <process.h>
@@ -28,6 +36,7 @@ std::FILE* OpenNew(const std::filesystem::path& path) {
 #endif
 }
 
+// Part of the temporary name: processes may write to one folder at once.
 long ProcessNumber() {
 #ifdef _WIN32
   return _getpid();
@@ -36,6 +45,7 @@ long ProcessNumber() {
 #endif
 }
 
+// From the buffer to the system, and from there to the disk.
 bool FlushToDisk(std::FILE* file) {
   if (std::fflush(file) != 0) return false;
 #ifdef _WIN32
@@ -73,10 +83,13 @@ void RequireWholeName(const std::string& path) {
   }
 }
 
+// One sentence, with the name that the caller gave.
 void WholeFile::Fail(const std::string& why) const {
   throw InputError(path_ + ": cannot be written: " + why);
 }
 
+// Looks first at what is there: a folder, a pipe or a device is not replaced. Where a link leads to
+// is what is written, so that the link stays.
 WholeFile::WholeFile(const std::string& path) : path_(path) {
   RequireWholeName(path);
   std::error_code error;
@@ -87,6 +100,7 @@ WholeFile::WholeFile(const std::string& path) : path_(path) {
   }
   target_ = std::filesystem::weakly_canonical(given, error);
   if (error || target_.empty()) target_ = given;
+  // Threads of one process count on; a name left by an older process of this number is passed over.
   static std::atomic<unsigned> count = 0;
   do {
     temporary_ = target_;
@@ -96,16 +110,19 @@ WholeFile::WholeFile(const std::string& path) : path_(path) {
   if (file_ == nullptr) Fail(std::strerror(errno));
 }
 
+// Nothing is left where Commit was not reached.
 WholeFile::~WholeFile() {
   if (file_ != nullptr) std::fclose(file_);
   std::error_code ignored;
   if (!temporary_.empty()) std::filesystem::remove(temporary_, ignored);
 }
 
+// The buffer of the C library does; blocks of a megabyte pass it by.
 void WholeFile::Write(const char* data, std::size_t size) {
   if (std::fwrite(data, 1, size, file_) != size) Fail(std::strerror(errno));
 }
 
+// Closing may be what reports a full disk, on file systems of other machines.
 void WholeFile::Commit() {
   const bool is_flushed = FlushToDisk(file_);
   std::error_code error(errno, std::generic_category());

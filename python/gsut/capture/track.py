@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -25,12 +27,12 @@ _MOST_FORCE = 200.0
 _SPAN = 1.0
 # Bytes of subtitles that are read: hours of flight have less.
 _MOST_SUBTITLES = 64 << 20
-# A subtitle with its time.
-_CUE = re.compile(r"(\d{1,3}):(\d{1,2}):(\d{1,2})[,.](\d{1,9}) *-->.*?(?=\n\s*\n|\Z)", re.DOTALL)
+# The time of a subtitle, which ends at a blank line.
+_TIME = re.compile(r"(\d{1,3}):(\d{1,2}):(\d{1,2})[,.](\d{1,9}) *-->")
 # Words that precede latitude, longitude and altitude; one is misspelt by DJI.
 _NAMES = ("latitude",), ("longitude", "longtitude"), ("abs_alt", "altitude", "rel_alt")
 # A number after such a word.
-_NUMBER = r"\s*:?\s*(-?\d{1,9}(?:\.\d{0,15})?)"
+_NUMBER = r"\s*(?::\s*)?(-?\d{1,9}(?:\.\d{0,15})?)"
 
 
 @register_reader("sensors of a film", ".mp4", ".mov", ".srt")
@@ -122,13 +124,26 @@ def _drop_implausible(rows: np.ndarray) -> np.ndarray:
     return rows[np.argsort(rows[:, 0], kind="stable")]
 
 
+def _split_subtitles(text: str) -> Iterator[tuple[re.Match[str], str]]:
+    """Yields the time of each subtitle and its text, which ends at a blank line."""
+    time, lines = None, list[str]()
+    for line in itertools.chain(text.split("\n"), [""]):
+        if line.strip():
+            time = time or _TIME.search(line)
+            lines.append(line)
+            continue
+        if time is not None:
+            yield time, "\n".join(lines)
+        time, lines = None, []
+
+
 def _parse_subtitles(text: str) -> np.ndarray:
     rows = []
-    for cue in _CUE.finditer(text):
-        hours, minutes, seconds, part = cue.groups()
+    for stated, cue in _split_subtitles(text):
+        hours, minutes, seconds, part = stated.groups()
         time = 3600 * int(hours) + 60 * int(minutes) + int(seconds) + float(f"0.{part}")
         values = [
-            next(filter(None, (re.search(rf"\b{n}{_NUMBER}", cue[0], re.I) for n in names)), None)
+            next(filter(None, (re.search(rf"\b{n}{_NUMBER}", cue, re.I) for n in names)), None)
             for names in _NAMES
         ]
         if all(values):

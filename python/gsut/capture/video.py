@@ -12,7 +12,6 @@ import itertools
 import math
 import os
 import re
-import types
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -20,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.capture.boxes import check_tables, list_boxes
+from gsut.capture.boxes import check_tables, is_without_index, open_slice, split_films
 from gsut.files import check_regular, open_binary, register_reader
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".mts", ".m2ts", ".360", ".insv")
@@ -39,8 +38,6 @@ _MOST_STRETCH = 4.0
 _BRIGHT_CURVES = {16: "PQ", 18: "HLG"}
 # Bytes at either end of a file that are searched for the camera's name.
 _METADATA_BYTES = 4_000_000
-# Films pasted into one file: more than the hours that a battery lasts, a minute each.
-_MOST_FILMS = 1000
 # Decoders that drop damaged pictures in silence unless they are to report them. Others then drop
 # more than is damaged.
 _SILENT = ("hevc",)
@@ -153,7 +150,7 @@ class Video:
     def list_notes(self, count: int) -> list[str]:
         """Lists what is wrong with the file and its `count` frames read, one sentence each."""
         name, notes = self.path.name, []
-        films = len(_split_films(self.path))
+        films = len(split_films(self.path))
         if films > 1:
             numbers = ", ".join(map(str, self._unread))
             unread = f"; of another size or damaged, and left out: film {numbers}"
@@ -251,24 +248,6 @@ def read_stream_start(
     return (np.array(pictures), about) if pictures else None
 
 
-def _open_slice(path: Path, begin: int, end: int) -> Any:
-    """Opens bytes [begin, end) of a file as FFmpeg takes a file of its own: an object."""
-    opened = contextlib.ExitStack()
-    file = opened.enter_context(open_binary(path))
-
-    def read(size: int) -> bytes:
-        return file.read(max(0, min(size, end - file.tell())))
-
-    def seek(offset: int, whence: int = os.SEEK_SET) -> int:
-        starts = {os.SEEK_SET: begin, os.SEEK_CUR: file.tell(), os.SEEK_END: end}
-        return file.seek(max(begin, starts[whence] + offset)) - begin
-
-    seek(0)
-    return types.SimpleNamespace(
-        read=read, seek=seek, tell=lambda: file.tell() - begin, close=opened.close
-    )
-
-
 # Of a film that may be one of several in a file: seconds, frame, and whether it is sound.
 _Timed = tuple[float, Any, bool]
 
@@ -283,10 +262,10 @@ def _decode_films(path: Path, container: Any, number: int, unread: list[int]) ->
         unread: gets the numbers, from 1, of films that cannot be decoded or have another size.
     """
     shape, begin = None, 0.0
-    for film, (start, end) in enumerate(_split_films(path) or [(0, 0)]):
+    for film, (start, end) in enumerate(split_films(path) or [(0, 0)]):
         with contextlib.ExitStack() as opened:
             if film:
-                part = opened.enter_context(contextlib.closing(_open_slice(path, start, end)))
+                part = opened.enter_context(contextlib.closing(open_slice(path, start, end)))
                 container = open_container(path, part)
                 if container is None or len(container.streams.video) <= number:
                     unread.append(film + 1)
@@ -353,7 +332,7 @@ def _open_video(path: Path) -> Any:
     container = open_container(path)
     if container is not None:
         return container
-    if _is_without_index(path):
+    if is_without_index(path):
         raise InputError(
             f"{path}: the video was cut off before its index (no 'moov') was written, so no "
             "frame of it can be found; copy it from the camera again, or let the camera repair it"
@@ -404,35 +383,3 @@ def read_camera_name(path: Path) -> str:
         return f"GoPro {_GOPRO.get(code, code.replace('HD', 'HERO'))}"
     apple = re.search(rb"(iPhone|iPad) ?[A-Za-z0-9 ]{0,16}", data)
     return f"Apple {apple[0].decode().strip()}" if apple else ""
-
-
-def _split_films(path: Path) -> list[tuple[int, int]]:
-    """Returns the bytes [begin, end) of each film in an MP4 or MOV: of several if pasted together.
-
-    A film begins with its type and has an index; of a file of another kind there is none.
-
-    Raises:
-        InputError: there are more than anybody pastes together.
-    """
-    size = path.stat().st_size
-    films: list[tuple[int, int]] = []
-    begin, has_index = None, False
-    with open_binary(path) as file:
-        for kind, start, _ in itertools.chain(list_boxes(file, size), [(b"ftyp", size + 8, 0)]):
-            if kind == b"ftyp":
-                if begin is not None and has_index:
-                    films.append((begin, start - 8))
-                begin, has_index = start - 8, False
-            has_index |= kind == b"moov"
-    if len(films) > _MOST_FILMS:
-        raise InputError(
-            f"{path}: {len(films):,} films in one file, and {_MOST_FILMS:,} are the most: damaged"
-        )
-    return films
-
-
-def _is_without_index(path: Path) -> bool:
-    """Returns whether an MP4 or MOV has no 'moov' box, which cameras write when recording ends."""
-    with open_binary(path) as file:
-        kinds = [kind for kind, _, _ in list_boxes(file, path.stat().st_size)]
-    return bool(kinds) and kinds[0] in (b"ftyp", b"mdat", b"wide") and b"moov" not in kinds

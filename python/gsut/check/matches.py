@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import concurrent.futures
 import dataclasses
-import re
 
 import numpy as np
 
@@ -12,7 +11,7 @@ from gsut import _core
 from gsut._core import InputError
 from gsut.data import Scene
 from gsut.data.images import decode_mask
-from gsut.data.scene import order_frames
+from gsut.data.scene import order_frames, split_last_number
 from gsut.sfm import PosesOptions
 from gsut.sfm.matches import MAX_DISTANCE
 from gsut.sfm.photographs import Features, detect_features
@@ -51,7 +50,6 @@ _SAME_DIRECTION = np.cos(np.radians(40.0))  # between optical axes of images tha
 _LOOPS_A_VIEW = 2  # so that loops are spread over the path
 _FEWEST = 16  # matches of a pair: fewer may be chance
 _STILL = 0.004  # of the image's diagonal: what moves less, in a pair that moves, is on the lens
-_BEFORE_NUMBER = re.compile(r"\d+\D*$")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -111,7 +109,8 @@ def order_in_time(scene: Scene) -> list[list[int]]:
     """Groups views by camera and name without its number, and sorts each group by this number."""
     groups: dict[tuple[str, int], list[int]] = {}
     for index, view in enumerate(scene.views):
-        before = _BEFORE_NUMBER.sub("", view.name)
+        before, number, rest = split_last_number(view.name)
+        before = before if number else rest
         groups.setdefault((before, view.camera_index), []).append(index)
     ordered = []
     for group in groups.values():

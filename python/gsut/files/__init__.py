@@ -3,7 +3,12 @@
 from gsut.files.archives import open_archive, unpack_gzip, write_archive
 from gsut.files.arrays import Array, read_npy, read_npz, write_npy, write_npz
 from gsut.files.errors import FileError, OpenError, WriteError, reading
-from gsut.files.names import check_name, claim_name, refuse_existing, to_file_name
+from gsut.files.names import (
+    check_name,
+    claim_name,
+    refuse_existing,
+    to_file_name,
+)
 from gsut.files.opening import (
     check_regular,
     decode_text,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -74,8 +73,8 @@ def _read(path: Path) -> SceneFile:
     try:
         return _read_stage(path, usd.Stage.Open(str(path)), geometry)
     except (tf.ErrorException, MemoryError) as error:
-        first = re.search(r": '(.*)'$", str(error), re.MULTILINE)
-        why = first[1] if first else " ".join(str(error).split())
+        quoted = str(error).partition(": '")[2].partition("'\n")[0].removesuffix("'")
+        why = " ".join((quoted or str(error)).split())
         raise InputError(f"{path}: no USD file, or damaged: {why}") from None
 
 

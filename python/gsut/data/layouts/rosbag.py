@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -39,7 +38,7 @@ _POSES = (
     "nav_msgs/msg/Odometry", "geometry_msgs/msg/PoseWithCovarianceStamped",
     "geometry_msgs/msg/PoseStamped", "geometry_msgs/msg/TransformStamped",
 )  # fmt: skip
-_LEAF = re.compile(r"(/(image\w*|compressed|camera_info))+$")
+_LEAVES = ("compressed", "camera_info")  # of topics of a camera, beside image...
 _COMPRESSED = {b"\xff\xd8": ".jpg", b"\x89P": ".png"}  # by their first bytes
 # Channels of raw pictures of 8 or 16 bits and OpenCV's conversion to BGR. A Bayer pattern is named
 # by its first two pixels; OpenCV names the second row's second and third.
@@ -184,12 +183,20 @@ def _open(bag: Path) -> Iterator[Any]:
         ) from error
 
 
+def _strip_leaves(topic: str) -> str:
+    """Strips the last parts of a topic that name pictures, not the camera."""
+    parts = topic.split("/")
+    while len(parts) > 1 and (parts[-1].startswith("image") or parts[-1] in _LEAVES):
+        parts.pop()
+    return "/".join(parts)
+
+
 def find_cameras(types: dict[str, str], bag: Path, wanted: Sequence[str]) -> list[_Camera]:
     """Finds the cameras among topics, raw pictures before the same ones compressed."""
     found: dict[str, _Camera] = {}
     pictures = [t for t, kind in types.items() if kind in _IMAGES and "depth" not in t.lower()]
     for topic in sorted(pictures, key=lambda topic: (_IMAGES.index(types[topic]), topic)):
-        base = _LEAF.sub("", topic)
+        base = _strip_leaves(topic)
         if f"{base}/camera_info" not in {camera.info for camera in found.values()}:
             name = claim_name(to_file_name(base) if base.strip("/") else "camera", set(found))
             found[name] = _Camera(name, topic, f"{base}/camera_info")
@@ -242,12 +249,14 @@ def _decode_pixels(message: Any, data: bytes, where: str) -> np.ndarray:
     """Decodes a raw picture to grey, or to blue, green, red; 8 or 16 bits."""
     import cv2
 
-    parts = re.fullmatch(r"(\D+?)(8|16)", str(message.encoding).lower())
-    if parts is None or parts[1] not in _ENCODINGS:
+    encoding = str(message.encoding).lower()
+    order = encoding.rstrip("0123456789")
+    bits = encoding[len(order) :]
+    if order not in _ENCODINGS or bits not in ("8", "16"):
         known = ", ".join(_ENCODINGS)
         raise InputError(f"{where}: pictures '{message.encoding}' are not read; known: {known}")
-    kind = np.dtype(f"{'>' if message.is_bigendian else '<'}u{int(parts[2]) // 8}")
-    channels, conversion = _ENCODINGS[parts[1]]
+    kind = np.dtype(f"{'>' if message.is_bigendian else '<'}u{int(bits) // 8}")
+    channels, conversion = _ENCODINGS[order]
     width, height, step = int(message.width), int(message.height), int(message.step)
     row = width * channels * kind.itemsize
     if step < row or len(data) < step * height:

@@ -4,7 +4,7 @@ from gsut.data.scene.digests import capture_state, describe_changes, digest_scen
 from gsut.data.scene.lines import find_line_times, interpolate_poses, project_points
 from gsut.data.scene.maps import MILLIMETRE, read_depth, read_normals
 from gsut.data.scene.scene import Scene, View, keep_at_most
-from gsut.data.scene.shutter import order_frames, with_shutter
+from gsut.data.scene.shutter import order_frames, split_last_number, with_shutter
 from gsut.data.scene.split import TEST_EVERY, choose_inner_views, hold_out_views, split_views
 from gsut.data.scene.training_views import Level, TrainingViews
 from gsut.data.scene.upright import count_lens_turns, find_up, find_upright_poses
@@ -31,6 +31,7 @@ __all__ = [
     "project_points",
     "read_depth",
     "read_normals",
+    "split_last_number",
     "split_views",
     "with_shutter",
 ]

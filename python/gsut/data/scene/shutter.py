@@ -12,7 +12,7 @@ from gsut._core import InputError, Shutter, interpolate_pose
 from gsut.data.poses import invert_pose
 from gsut.data.scene.scene import Scene, View
 
-_NUMBER = re.compile(r"(\d+)\D*$")  # the last number of a name
+_FROM_END = re.compile(r"(\D*)(\d*)")  # of a name written backward
 
 
 def with_shutter(
@@ -90,8 +90,8 @@ def _find_time_neighbours(views: Sequence[View]) -> list[tuple[int, int, float]]
 
 def order_frames(names: Sequence[str]) -> np.ndarray:
     """Returns the last number (N,) of each name, or its place in the list if these repeat."""
-    found = [_NUMBER.search(name) for name in names]
-    numbers = [float(match[1]) for match in found if match]
+    found = [split_last_number(name)[1] for name in names]
+    numbers = [float(number) for number in found if number]
     if len(set(numbers)) == len(names):
         return np.array(numbers)
     return np.arange(len(names), dtype=np.float64)
@@ -113,3 +113,14 @@ def _shift_along_path(
         world_from_camera[:3, 3] += shift
         poses.append(invert_pose(world_from_camera))
     return poses[0], poses[1]
+
+
+def split_last_number(name: str) -> tuple[str, str, str]:
+    """Splits a name into what stands before its last whole number, the number, and the rest.
+
+    Without a number all of it is the rest.
+    """
+    backward = _FROM_END.match(name[::-1])  # forward, each digit would be a start to try
+    rest, number = backward.groups() if backward else ("", "")
+    end = len(name) - len(rest)
+    return name[: end - len(number)], number[::-1], name[end:]

@@ -29,7 +29,7 @@ class LensValues:
     def fail(self, key: str, problem: str) -> NoReturn:
         """Raises CalibrationError for a key."""
         place = [self.source] if self.source else []
-        pattern = re.compile(rf"""^[\s{{,-]*["']?{re.escape(key)}["']?\s*:""", re.MULTILINE)
+        pattern = re.compile(rf"""^[ \t{{,-]*["']?{re.escape(key)}["']?[ \t]*:""", re.MULTILINE)
         match = pattern.search(self.text)
         if match:
             key_start = match.end() - len(match.group().lstrip())

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-import re
 from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
 from gsut import _core
+from gsut.data.scene import split_last_number
 from gsut.sfm.photographs import Features, OnProgress, PosesOptions, Stages
 
 BATCH = 64  # pairs between two refreshes of the progress bar
@@ -179,10 +179,9 @@ def find_frame_numbers(names: Sequence[str], frames: np.ndarray | None) -> np.nd
 
 def has_growing_numbers(names: Sequence[str]) -> bool:
     """Returns whether names are one text around a growing number, like the frames of a video."""
-    found = [re.fullmatch(r"(.*?)(\d+)(\D*)", name) for name in names]
-    if not all(found):
+    parts = [split_last_number(name) for name in names]
+    if not all(number for _, number, _ in parts):
         return False
-    parts = [match.groups() for match in found if match]
     numbers = [int(part[1]) for part in parts]
     return len({(part[0], part[2]) for part in parts}) == 1 and numbers == sorted(numbers)
 

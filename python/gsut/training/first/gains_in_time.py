@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 
 import numpy as np
+
+from gsut.data.scene import split_last_number
 
 
 def interpolate_gains(
@@ -40,8 +41,9 @@ def interpolate_gains(
 
 def _rank_in_time(names: Sequence[str]) -> np.ndarray:
     """Ranks views (V,) in time: by the number at the end of each name, if all have one."""
-    numbers = [re.search(r"(\d+)\D*$", name.rsplit("/", 1)[-1].rsplit(".", 1)[0]) for name in names]
-    keys = [(int(found[1]) if found else 0) if all(numbers) else 0 for found in numbers]
+    stems = [name.rsplit("/", 1)[-1].rsplit(".", 1)[0] for name in names]
+    numbers = [split_last_number(stem)[1] for stem in stems]
+    keys = [int(number) if all(numbers) else 0 for number in numbers]
     place = np.zeros(len(names))
     for rank, view in enumerate(sorted(range(len(names)), key=lambda v: (keys[v], names[v]))):
         place[view] = rank
