@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from calib.errors import BoardError
-from gsut.files import check_regular
+from gsut.files import read_bytes
 
 # First bytes of a format, and the mark that ends a complete file.
 _END_MARKS = {b"\xff\xd8": b"\xff\xd9", b"\x89PNG": b"IEND"}
@@ -21,10 +21,7 @@ def read_grey(path: Path) -> np.ndarray:
     Raises:
         BoardError: the file cannot be opened, is no image, or is cut off.
     """
-    try:
-        data = check_regular(path).read_bytes()
-    except OSError as error:
-        raise BoardError(f"{path}: cannot be read ({error.strerror}); check the path") from None
+    data = read_bytes(path, fails=lambda *said: BoardError("{}: {}; {}".format(*said)))
     for start, end in _END_MARKS.items():
         if data.startswith(start) and end not in data[-_IN_THE_LAST:]:
             raise BoardError(

@@ -9,11 +9,11 @@ import pytest
 
 from formats.scene_cases import plain_scene
 from gsut import InputError, formats
-from gsut.data.export import copy_file
 from gsut.files import (
     WriteError,
     check_shape,
     claim_name,
+    copy_file,
     refuse_existing,
     to_file_name,
     whole_file,

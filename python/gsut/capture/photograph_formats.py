@@ -9,7 +9,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.capture.exif import RAW_SUFFIXES
-from gsut.files import check_regular
+from gsut.files import check_regular, open_image
 
 HEIF_SUFFIXES = (".heic", ".heif")
 
@@ -46,11 +46,9 @@ def decode_stored(path: Path) -> np.ndarray:
     if path.suffix.lower() in RAW_SUFFIXES:
         import rawpy
 
-        with rawpy.imread(str(path)) as raw:
+        with rawpy.imread(str(check_regular(path))) as raw:
             return raw.postprocess(use_camera_wb=True, user_flip=0)
-    from PIL import Image
-
-    with Image.open(check_regular(path)) as image:
+    with open_image(path) as image:
         if image.mode.startswith("I"):
             grey = np.asarray(image).astype(np.float64) / 257
             return np.repeat(grey.round().clip(0, 255).astype(np.uint8)[:, :, None], 3, axis=2)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import glob
 import importlib
-import json
 import os
 import sys
 from collections.abc import Sequence
@@ -14,7 +13,7 @@ from types import ModuleType
 
 from gsut._core import InputError
 from gsut.cli._flags import add_json, add_quiet, finite, print_json
-from gsut.files import check_regular
+from gsut.files import check_regular, read_json
 from gsut.output_folder import claim_folder
 
 HELP = "photographs of a chessboard to a lens file"
@@ -95,7 +94,7 @@ def run(arguments: argparse.Namespace) -> int:
     with claim_folder(out.parent, "calibrate", writes=writes):
         _calibrate(arguments)
     if arguments.json:
-        print_json(json.loads((out.parent / _REPORT).read_text(encoding="utf-8")))
+        print_json(read_json(out.parent / _REPORT))
     return 0
 
 

@@ -13,7 +13,7 @@ from gsut.files.opening import (
     read_package_file,
     read_text,
 )
-from gsut.files.pictures import open_image, read_picture, write_picture
+from gsut.files.pictures import open_image, read_picture, read_picture_bytes, write_picture
 from gsut.files.registry import list_readers, register_reader
 from gsut.files.shapes import Number, check_shape
 from gsut.files.values import (
@@ -67,6 +67,7 @@ __all__ = [
     "read_npz",
     "read_package_file",
     "read_picture",
+    "read_picture_bytes",
     "read_rows",
     "read_text",
     "read_yaml",

@@ -49,7 +49,7 @@ def read_npy(path: PathLike, array: Array | None = None, *, fails: Fails = FileE
 
     Args:
         path: the file.
-        array: what it must be; None: any numbers, or text. Whole numbers come as int64.
+        array: what it must be, where whole numbers come as int64; None: any numbers.
         fails: makes the error.
 
     Raises:
@@ -58,7 +58,11 @@ def read_npy(path: PathLike, array: Array | None = None, *, fails: Fails = FileE
     with open_binary(path, fails=fails) as file:
         size = os.fstat(file.fileno()).st_size
         found = _read_array(file, size, path)
-        return found if array is None else _check_array(found, array, path, {})
+        if array is not None:
+            return _check_array(found, array, path, {})
+        if found.dtype.kind == "U":
+            raise FileError(path, "holds text, not numbers", _EXPORT)
+        return found
 
 
 def read_npz(

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import CalibrationError, InputError
-from gsut.files import write_file
+from gsut.files import read_json, read_text, register_reader, write_file
 from gsut.lens.files import load_camera
 
 # Written by `gsut calibrate`: rows of the map over the image, from the centre of the top-left
@@ -84,10 +84,11 @@ def save_uncertainty(path: str | os.PathLike[str], sigma: np.ndarray) -> None:
     if file.suffix.lower() != ".cameramodel":
         write_file(file.with_suffix(SIDE_FILE), json.dumps({SIGMA_KEY: rows}) + "\n")
         return
-    head, brace, tail = file.read_text(encoding="utf-8").rpartition("}")
+    head, brace, tail = read_text(file).rpartition("}")
     write_file(file, f"{head}    '{SIGMA_KEY}': {rows},\n{brace}{tail}")
 
 
+@register_reader("uncertainty of a lens", ".uncertainty.json", ".cameramodel")
 def load_uncertainty(path: str | os.PathLike[str]) -> LensUncertainty:
     """Reads the uncertainty that `gsut calibrate` stores with a lens.
 
@@ -104,7 +105,7 @@ def load_uncertainty(path: str | os.PathLike[str]) -> LensUncertainty:
     camera = load_camera(file)
     source = file
     if file.suffix.lower() == ".cameramodel":
-        values = ast.literal_eval(file.read_text(encoding="utf-8"))  # load_camera found no fault
+        values = ast.literal_eval(read_text(file))  # load_camera found no fault
     else:
         source = file.with_suffix(SIDE_FILE)
         if not source.is_file():
@@ -112,16 +113,17 @@ def load_uncertainty(path: str | os.PathLike[str]) -> LensUncertainty:
                 f"{file} has no uncertainty: {source.name} is not beside it; solve the lens with "
                 "`gsut calibrate`, which writes it"
             )
-        try:
-            values = json.loads(source.read_text(encoding="utf-8"))
-        except ValueError as error:
-            raise CalibrationError(f"{source}: not JSON ({error}); copy it again") from error
+        values = read_json(source, advice="copy it again", fails=_make_error)
     if not isinstance(values, dict) or SIGMA_KEY not in values:
         raise InputError(
             f"{source} has no uncertainty (the key {SIGMA_KEY}); solve the lens with "
             "`gsut calibrate`, which stores it"
         )
     return LensUncertainty(_map(values[SIGMA_KEY], source), camera.width, camera.height)
+
+
+def _make_error(*said: object) -> CalibrationError:
+    return CalibrationError("{}: {}; {}".format(*said))
 
 
 def _map(rows: Any, source: Path) -> np.ndarray:

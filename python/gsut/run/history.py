@@ -7,8 +7,7 @@ import json
 from pathlib import Path
 from typing import Any
 
-from gsut._core import InputError
-from gsut.files import to_plain, write_file
+from gsut.files import FileError, append_text, parse_json, read_bytes, to_plain, write_file
 
 
 class History:
@@ -26,22 +25,15 @@ class History:
         """Adds one line; `row` holds at least `step`."""
         if self._stays:
             return
-        try:
-            with open(self._path, "a", encoding="utf-8") as file:
-                file.write(json.dumps(to_plain(row)) + "\n")
-        except OSError as error:
-            reason = error.strerror or error
-            raise InputError(f"cannot write {self._path}: {reason}") from None
+        append_text(self._path, json.dumps(to_plain(row)) + "\n")
 
     def read(self) -> list[dict[str, Any]]:
         """Reads all complete rows; a line torn by a crash is left out."""
         rows = []
-        lines = self._path.read_bytes().splitlines() if self._path.is_file() else ()
+        lines = read_bytes(self._path).splitlines() if self._path.is_file() else ()
         for line in lines:
-            with contextlib.suppress(ValueError, RecursionError):
-                row = json.loads(line)
-                if isinstance(row, dict) and isinstance(row.get("step"), int):
-                    rows.append(row)
+            with contextlib.suppress(FileError):
+                rows.append(parse_json(line, self._path, {"step": int}))
         return rows
 
     def roll_back(self, step: int) -> None:

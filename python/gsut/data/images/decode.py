@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import struct
-import warnings
 import zlib
 from pathlib import Path
 from typing import NamedTuple
@@ -12,14 +10,13 @@ from typing import NamedTuple
 import numpy as np
 
 from gsut.data.errors import DatasetError
-from gsut.files import check_regular
+from gsut.files import FileError, open_binary, open_image, read_picture_bytes
 from gsut.orientation import EXIF_HEADER, read_orientation
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp")
 # Formats whose headers Pillow reads; decoders turn the pixels of a TIFF upright.
 _FORMATS = ("JPEG", "PNG", "WEBP", "BMP")
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-_PNG_DEPTH = 24  # place of the byte that says how many bits a channel has
 _JPEG_BARE = frozenset({0x01, *range(0xD0, 0xD9)})  # markers without a length
 _JPEG_START = b"\xff\xd8"
 # What the decoder says of data that no encoder writes, and of which it made the picture up.
@@ -28,7 +25,6 @@ _JPEG_DAMAGE = ("premature end", "bad Huffman code", _JPEG_EXTRA)
 _JPEG_END = b"\xff\xd9"
 _LEAST_PADDING = 4  # bytes: the data of a picture may end in a few zeros
 _KEPT_PADDING = 64  # bytes that may be data of the picture: less than one row of blocks
-_DEFLATES = 1040  # bytes that one of zlib can stand for, at most (1032)
 _COPY_AGAIN = "copy or export the file again"
 
 
@@ -48,39 +44,14 @@ def read_header(path: Path) -> ImageHeader:
     Raises:
         DatasetError: the file is not an image, or ends within the header.
     """
-    from PIL import Image, WebPImagePlugin  # noqa: F401  # here: gsut --help needs none
-
-    Image.MAX_IMAGE_PIXELS = None  # panoramas are no bombs
-    with _open(path) as file, warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # Pillow's, on damaged metadata
-        try:
-            with Image.open(file, formats=_FORMATS) as image:
-                (width, height), kind = image.size, image.format
-                channels = len(image.getbands())
-                exif = image.info.get("exif", b"").removeprefix(EXIF_HEADER)
-                orientation = read_orientation(exif) if exif else 1
-        except (OSError, ValueError, SyntaxError, struct.error):
-            pixels, _ = decode_image(path)  # says what is wrong, unless OpenCV can read it
-            return ImageHeader(pixels.shape[1], pixels.shape[0])
-        size, bits = os.fstat(file.fileno()).st_size, 0
-        if kind == "PNG":
-            file.seek(_PNG_DEPTH)
-            bits = channels * file.read(1)[0]
-    if width * height * bits // 8 > _DEFLATES * size:
-        raise DatasetError(
-            path, f"says {width} x {height} pixels, more than its {size} bytes can hold",
-            _COPY_AGAIN,
-        )  # fmt: skip
-    return ImageHeader(width, height, orientation)
-
-
-def _open(path: Path):
     try:
-        return open(check_regular(path), "rb")
-    except OSError as error:
-        raise DatasetError(
-            path, f"cannot be opened ({error.strerror})", "check the path"
-        ) from error
+        with open_image(path, _FORMATS) as image:
+            exif = image.info.get("exif", b"").removeprefix(EXIF_HEADER)
+            width, height = image.size
+            return ImageHeader(width, height, read_orientation(exif) if exif else 1)
+    except FileError:
+        pixels, _ = decode_image(path)  # says what is wrong, unless OpenCV can read it
+        return ImageHeader(pixels.shape[1], pixels.shape[0])
 
 
 def decode_image(path: Path, reduction: int = 1) -> tuple[np.ndarray, np.ndarray | None]:
@@ -123,7 +94,7 @@ def find_largest_value(path: Path) -> int | None:
     Raises:
         DatasetError: see `decode_image`.
     """
-    with _open(path) as file:
+    with open_binary(path, fails=DatasetError) as file:
         head = file.read(26)
     png = head.startswith(_PNG_SIGNATURE) and len(head) == 26
     if head.startswith(b"\xff\xd8") or (png and head[24] != 16):
@@ -167,10 +138,7 @@ def decode_scaled(
 def _decode(path: Path, reduction: int = 1) -> np.ndarray:
     import cv2
 
-    with _open(path) as file:
-        data = file.read()
-    if not data:
-        raise DatasetError(path, "the file is empty", _COPY_AGAIN)
+    data = read_picture_bytes(path, fails=DatasetError)
     _require_complete(data, path)
     pixels = _decode_jpeg(data, path, reduction) if data.startswith(_JPEG_START) else None
     if pixels is None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 from pathlib import Path
@@ -12,7 +11,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data.poses.transforms import OPENGL_FROM_OPENCV, check_rigid
-from gsut.files import check_regular
+from gsut.files import read_json
 
 _HALF_TURN = 180.0  # degrees: no plain lens sees as much
 
@@ -104,10 +103,5 @@ def read_path_turns(path: str | os.PathLike[str]) -> int:
 
 
 def _read_content(path: str | os.PathLike[str]) -> dict[str, Any]:
-    try:
-        content = json.loads(check_regular(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"cannot read the camera path {path}: {error.strerror}") from None
-    except ValueError as error:
-        raise InputError(f"{path}: not valid JSON ({error})") from None
+    content = read_json(path, advice="save the camera path again")
     return content if isinstance(content, dict) else {}

@@ -14,10 +14,11 @@ import numpy as np
 from gsut._core import CalibrationError, InputError, Shutter
 from gsut.data.errors import DatasetError
 from gsut.data.poses import check_rigid, find_centers, invert_pose
-from gsut.files import check_regular, read_yaml, write_file
+from gsut.files import read_json, read_yaml, register_reader, write_file
 from gsut.lens import Camera, load_camera, spread_pixels
 from gsut.lens.files import is_camchain
 
+_GIVE_RIG = "give the report.json that `gsut calibrate --rig` wrote, or a camchain YAML of Kalibr"
 _POSE = "camera_from_reference"
 _LENS = "file"
 _SHUTTER = "shutter"
@@ -85,6 +86,7 @@ class Rig:
         return dataclasses.replace(self, cameras=nothing, lens_files=nothing)
 
 
+@register_reader("rig", ".json", ".yaml", ".yml", advice=_GIVE_RIG)
 def read_rig(path: str | os.PathLike[str]) -> Rig:
     """Reads a rig.
 
@@ -108,14 +110,8 @@ def read_rig(path: str | os.PathLike[str]) -> Rig:
         CalibrationError: a lens file is broken.
     """
     file = Path(path)
-    try:
-        text = check_regular(file).read_text(encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"--rig {file} cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"--rig {file} is not text; give a JSON or camchain YAML file") from error
     is_yaml = file.suffix.lower() in (".yaml", ".yml")
-    rig = _read_camchain_rig(file) if is_yaml else _parse_rig(file, text)
+    rig = _read_camchain_rig(file) if is_yaml else _read_json_rig(file)
     if len(rig) < _FEWEST_CAMERAS:
         raise InputError(
             f"{file} holds {len(rig)} camera; a rig has at least {_FEWEST_CAMERAS}: calibrate all "
@@ -155,14 +151,8 @@ def write_rig(rig: Rig, path: Path) -> None:
     write_file(path, text)
 
 
-def _parse_rig(file: Path, text: str) -> Rig:
-    try:
-        values = json.loads(text)
-    except json.JSONDecodeError as error:
-        raise InputError(
-            f"{file}, line {error.lineno}: not JSON ({error.msg}); give the report.json that "
-            "`gsut calibrate --rig` wrote, or a camchain YAML of Kalibr"
-        ) from error
+def _read_json_rig(file: Path) -> Rig:
+    values = read_json(file, advice=_GIVE_RIG)
     cameras = values.get("cameras") if isinstance(values, dict) else None
     if not isinstance(cameras, dict) or not cameras:
         raise InputError(

@@ -8,7 +8,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data.scene.scene import Scene
-from gsut.files import read_picture
+from gsut.files import Array, read_npy, read_picture
 
 MILLIMETRE = 1e-3  # metres of a level of a 16-bit depth picture, as RGB-D cameras write it
 _SHORTEST = 0.5  # length from which three numbers are a normal; shorter ones mean unknown
@@ -35,7 +35,7 @@ def read_depth(
     if path is None or not path.is_file():
         return None
     if path.suffix == ".npy":
-        depth = _load_numbers(path, "distances")
+        depth = _load_numbers(path)
     else:
         picture = _load_picture(path)
         if picture is None or picture.ndim != 2:
@@ -72,7 +72,7 @@ def read_normals(scene: Scene, view: int) -> np.ndarray | None:
     if path is None:
         return None
     if path.suffix == ".npy":
-        normals = _load_numbers(path, "normals").astype(np.float32)
+        normals = _load_numbers(path).astype(np.float32)
     else:
         picture = _load_picture(path)
         if picture is None or picture.ndim != 3 or picture.dtype not in (np.uint8, np.uint16):
@@ -90,11 +90,8 @@ def read_normals(scene: Scene, view: int) -> np.ndarray | None:
         return np.where(length > _SHORTEST, normals / length, 0.0).astype(np.float32)
 
 
-def _load_numbers(path: Path, what: str) -> np.ndarray:
-    try:
-        return np.load(path, allow_pickle=False).astype(np.float64)
-    except (ValueError, OSError, EOFError) as error:
-        raise InputError(f"{path}: no array of {what}: {error}") from None
+def _load_numbers(path: Path) -> np.ndarray:
+    return read_npy(path, Array(finite=False)).astype(np.float64)
 
 
 def _load_picture(path: Path) -> np.ndarray | None:

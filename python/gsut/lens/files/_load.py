@@ -7,7 +7,7 @@ import os
 from pathlib import Path
 
 from gsut._core import CalibrationError, InputError
-from gsut.files import read_bytes, reading, write_file
+from gsut.files import read_bytes, reading, register_reader, write_file
 from gsut.lens.camera import Camera
 from gsut.lens.files._format import LensFile, LensFormat, list_formats, make_lens_error
 
@@ -16,6 +16,7 @@ _MOST_BYTES = 256 << 20  # of a lens file; tables of rays are the largest
 _ADVICE = "is it a lens file, and whole?"
 
 
+@register_reader("lens")
 def load_camera(path: _Path, camera_id: int | str | None = None) -> Camera:
     """Reads a lens file.
 
