@@ -10,7 +10,6 @@ import numpy as np
 from gsut.capture.facts import FilmFacts
 from gsut.capture.telemetry import read_streams
 from gsut.capture.video import read_camera_name
-from gsut.files import open_binary
 
 # Streams of positions, the best first, and the columns of latitude, longitude and altitude (m):
 # of HERO11 and later, of HERO5 to 10, and of drones.
@@ -54,7 +53,7 @@ def _find_track(video: Path, streams: dict[str, np.ndarray]) -> np.ndarray:
     for suffix in (".SRT", ".srt"):
         subtitles = video.with_suffix(suffix)
         if subtitles.is_file():
-            with open_binary(subtitles) as file:
+            with open(subtitles, "rb") as file:
                 text = file.read(_MOST_SUBTITLES).decode("utf-8", "replace")
             return _drop_implausible(_parse_subtitles(text))
     for name, columns in _STREAMS.items():

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import InputError
-from gsut.files import open_binary, register_reader
+from gsut.files import check_regular
 from gsut.formats._errors import measure_errors
 from gsut.formats._format import (
     Format,
@@ -114,13 +114,15 @@ def load_gaussians(path: str | os.PathLike[str]) -> Gaussians:
     return read_scene_file(path).gaussians
 
 
-@register_reader("scene of Gaussians", ".ply", ".spz", ".sog", ".glb", ".gltf", ".splat", ".usdz")
 def read_scene_file(path: str | os.PathLike[str]) -> SceneFile:
     """Reads Gaussians as `load_gaussians` does, with the file's other statements."""
     path = Path(path)
     candidates = _match_formats(path, "read")
-    with open_binary(path) as file:
-        head = file.read(_SNIFFED_BYTES)
+    try:
+        with open(check_regular(path), "rb") as file:
+            head = file.read(_SNIFFED_BYTES)
+    except OSError as error:
+        raise InputError(f"{path}: cannot be opened: {error.strerror}") from None
     readers = [each.read for each in candidates if each.read is not None and each.holds(head)]
     if not readers:
         names = " or ".join(each.name for each in candidates)

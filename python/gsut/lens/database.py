@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import json
 import lzma
 import math
 import os
@@ -21,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.files import read_package_file
+from gsut.files import parse_json, read_package_file
 from gsut.lens.camera import Camera
 from gsut.lens.field import measure_field_of_view
 from gsut.lens.files import list_suffixes, load_camera
@@ -155,7 +154,9 @@ class LensProfile:
 @functools.cache
 def load_profiles() -> tuple[LensProfile, ...]:
     """Loads all calibrations of the database, except the few that no lens can have."""
-    values: dict[str, Any] = json.loads(lzma.decompress(read_package_file("gsut.lens", _FILE)))
+    values: dict[str, Any] = parse_json(
+        lzma.decompress(read_package_file("gsut.lens", _FILE)), _FILE, dict
+    )
     for name in _TEXTS:
         values[name] = [values["texts"][index] for index in values[name]]
     values["official"] = [bool(value) for value in values["official"]]

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from gsut.files import read_package_file
+from gsut.files import format_json, read_package_file
 
 _JPEG_QUALITY = 88  # of embedded pictures: artefacts stay below what renders lack
 _SECTIONS = """{% extends "page.html.j2" %}{% block content %}<h1>{{ title }}</h1>
@@ -56,6 +56,7 @@ def _make_environment() -> Any:
             {name: read_package_file("gsut.page", name).decode() for name in names}
         ),
     )
+    environment.filters["tojson"] = lambda value: mark_safe(embed_json(value))
     environment.filters.update(number=format_number, duration=format_duration)
     environment.globals.update(table=build_table)
     return environment
@@ -102,6 +103,11 @@ def format_duration(seconds: float | None) -> str:
     if minutes < 60:
         return f"{minutes} min {rest:02d} s"
     return f"{minutes // 60} h {minutes % 60:02d} min"
+
+
+def embed_json(value: Any) -> str:
+    """Returns JSON for a script element, of which no text in it can end or change anything."""
+    return format_json(value).replace("<", "\\u003c")
 
 
 def embed_bytes(data: bytes, kind: str) -> str:
