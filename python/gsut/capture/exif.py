@@ -13,7 +13,7 @@ from gsut.capture.facts import PhotographFacts, Place
 from gsut.capture.focal import FocalStatement, find_focal_prior
 from gsut.capture.xmp import find_up, read_gimbal_angles
 from gsut.data.images import read_header
-from gsut.files import FileError, check_regular, open_image
+from gsut.files import FileError, check_regular, open_image, register_reader
 
 _MILLIMETRES = {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}  # of FocalPlaneResolutionUnit
 RAW_SUFFIXES = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2", ".orf")
@@ -39,6 +39,7 @@ _ACCURACY = 0.001, 10_000.0
 _YEARS = range(1980, 2101)
 
 
+@register_reader("facts of a photograph")
 def read_facts(path: Path) -> PhotographFacts:
     """Reads the header of a photograph.
 

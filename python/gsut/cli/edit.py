@@ -12,7 +12,7 @@ from gsut._core import InputError
 from gsut.bounds import LEAST_SCALE
 from gsut.cli._flags import add_json, finite, print_json
 from gsut.cli.convert import find_scene_file
-from gsut.files import Number, read_json, refuse_existing
+from gsut.files import Number, read_json, refuse_existing, register_reader
 
 HELP = "cut, level, scale and merge scenes"
 DESCRIPTION = (
@@ -260,6 +260,7 @@ def _fit_of_positions(arguments: argparse.Namespace) -> Any:
     return fit_positions(poses, positions, arguments.positions)
 
 
+@register_reader("transforms of nerfstudio's trainings", ".json")
 def _read_undo(path: Path) -> tuple[float, np.ndarray, np.ndarray]:
     """Reads scale, rotation (3, 3) and translation (3,) that take nerfstudio's coordinates back.
 

@@ -20,6 +20,7 @@ from gsut.orientation import count_turns
 
 MASKS = "masks"  # the folder of a mask an image
 HALF_PIXEL = 0.5  # a down-scaled copy's size may be rounded by this much
+_PANORAMA_SHAPE = 0.05  # relative difference to twice as wide as high: rows cut off at a pole
 SAME_POSE = 1e-9  # relative difference of two poses of a frame that is listed twice
 
 
@@ -189,8 +190,15 @@ def fit_camera(camera: Camera, width: int, height: int, image_path: Path) -> Cam
     """Resizes a camera to an image of this size, if both axes have the same ratio.
 
     Raises:
-        DatasetError: the shapes differ.
+        DatasetError: the shapes differ, or no panorama is as wide for its height.
     """
+    if camera.model == "equirectangular" and abs(width / height / 2 - 1) > _PANORAMA_SHAPE:
+        raise DatasetError(
+            image_path,
+            f"the image is {width} x {height} and its camera equirectangular, which sees 360 x 180 "
+            "degrees: a panorama is twice as wide as high",
+            "name the lens that took it",
+        )
     if (width, height) == (camera.width, camera.height):
         return camera
     same_by_width = abs(camera.height * width / camera.width - height) <= HALF_PIXEL

@@ -12,9 +12,12 @@ from gsut.data.layouts import Layout, find_layout, list_layouts, require_picture
 from gsut.data.listing import Listing
 from gsut.data.recordings import pair_recording
 from gsut.data.scene import TEST_EVERY, Scene
-from gsut.files import reading
+from gsut.files import reading, register_reader
+
+_ADVICE = "is one of its files damaged?"
 
 
+@register_reader("dataset", advice=_ADVICE, fails=DatasetError)
 def load_dataset(
     path: str | os.PathLike,
     *,
@@ -69,7 +72,7 @@ def read_dataset(path: Path, *, on_error: OnError = raise_error) -> Listing:
             "lay the files out in one of these ways (docs/datasets.md), or let `gsut scene` make a "
             "scene of photographs",
         )
-    with reading(path, "is one of its files damaged?", DatasetError):
+    with reading(path, _ADVICE, DatasetError):
         return _read(layout, path, on_error)
 
 

@@ -33,7 +33,9 @@ class Reader:
 def register_reader(
     name: str, *endings: str, advice: str = COPY_AGAIN, fails: Fails = FileError
 ) -> Callable[[_Function], _Function]:
-    """Registers the function below as the reader of a format, and names the file in its failures.
+    """Registers a function as the reader of a format, and names the file in its failures.
+
+    A class is registered as it is.
 
     Args:
         name: of the format.
@@ -43,6 +45,8 @@ def register_reader(
 
     def register(function: _Function) -> _Function:
         _readers[name] = Reader(name, endings, function.__module__, function.__qualname__)
+        if isinstance(function, type):
+            return function
 
         @functools.wraps(function)
         def read(*args: Any, **kwargs: Any) -> Any:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.files import read_npy, read_picture
+from gsut.files import read_npy, read_picture, register_reader
 
 _SUFFIXES = (".npy", ".png", ".tif", ".tiff")
 
@@ -50,15 +50,7 @@ class MapFolder(Mapping[str, np.ndarray]):
             )
 
     def __getitem__(self, name: str) -> np.ndarray:
-        file = self._files[name]
-        if file.suffix == ".npy":
-            return read_npy(file)
-        import cv2  # here, because gsut --help needs none
-
-        picture = read_picture(file, cv2.IMREAD_UNCHANGED)
-        if picture is None:
-            raise InputError(f"{file}: no picture that can be decoded")
-        return picture if picture.ndim == 2 else np.ascontiguousarray(picture[..., 2::-1])
+        return read_map(self._files[name])
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._files)
@@ -69,6 +61,23 @@ class MapFolder(Mapping[str, np.ndarray]):
     def find_file(self, name: str) -> Path:
         """Returns the file of a view's map."""
         return self._files[name]
+
+
+@register_reader("map of a view", *_SUFFIXES)
+def read_map(file: Path) -> np.ndarray:
+    """Reads the map of a view, see `MapFolder`.
+
+    Raises:
+        InputError: it is damaged or none.
+    """
+    if file.suffix == ".npy":
+        return read_npy(file)
+    import cv2  # here, because gsut --help needs none
+
+    picture = read_picture(file, cv2.IMREAD_UNCHANGED)
+    if picture is None:
+        raise InputError(f"{file}: no picture that can be decoded")
+    return picture if picture.ndim == 2 else np.ascontiguousarray(picture[..., 2::-1])
 
 
 def _take_tail(name: str, parts: int) -> Path:

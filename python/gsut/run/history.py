@@ -7,7 +7,15 @@ import json
 from pathlib import Path
 from typing import Any
 
-from gsut.files import FileError, append_text, parse_json, read_bytes, to_plain, write_file
+from gsut.files import (
+    FileError,
+    append_text,
+    parse_json,
+    read_bytes,
+    register_reader,
+    to_plain,
+    write_file,
+)
 
 
 class History:
@@ -29,15 +37,20 @@ class History:
 
     def read(self) -> list[dict[str, Any]]:
         """Reads all complete rows; a line torn by a crash is left out."""
-        rows = []
-        lines = read_bytes(self._path).splitlines() if self._path.is_file() else ()
-        for line in lines:
-            with contextlib.suppress(FileError):
-                rows.append(parse_json(line, self._path, {"step": int}))
-        return rows
+        return read_history(self._path) if self._path.is_file() else []
 
     def roll_back(self, step: int) -> None:
         """Drops the rows that come after `step`."""
         if self._path.is_file() and not self._stays:
             rows = (json.dumps(row) for row in self.read() if row["step"] <= step)
             write_file(self._path, "".join(row + "\n" for row in rows))
+
+
+@register_reader("history of a run", ".jsonl")
+def read_history(path: Path) -> list[dict[str, Any]]:
+    """Reads all complete rows, see `History.read`."""
+    rows = []
+    for line in read_bytes(path).splitlines():
+        with contextlib.suppress(FileError):
+            rows.append(parse_json(line, path, {"step": int}))
+    return rows

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from gsut.data.errors import DatasetError
-from gsut.files import FileError, open_binary, open_image, read_picture_bytes
+from gsut.files import FileError, open_binary, open_image, read_picture_bytes, register_reader
 from gsut.orientation import EXIF_HEADER, read_orientation
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp")
@@ -36,6 +36,7 @@ class ImageHeader(NamedTuple):
     orientation: int = 1
 
 
+@register_reader("header of a picture", *IMAGE_SUFFIXES, fails=DatasetError)
 def read_header(path: Path) -> ImageHeader:
     """Reads an image's size and orientation from its header.
 
@@ -242,6 +243,7 @@ def _find_scan_start(data: bytes) -> int | None:
     return None
 
 
+@register_reader("mask", *IMAGE_SUFFIXES, fails=DatasetError)
 def decode_mask(path: Path) -> np.ndarray:
     """Decodes a mask: (H, W) bool, True (valid) where the value is above half of white.
 

@@ -14,7 +14,7 @@ from gsut._core import InputError
 from gsut.data.errors import DatasetError, OnError
 from gsut.data.poses.times import is_time
 from gsut.data.poses.transforms import check_rigid, pose_from_quaternion
-from gsut.files import read_json, read_text
+from gsut.files import read_json, read_text, register_reader
 from gsut.gaussians import quaternion_from_rotation
 
 _TUM = 8  # fields of a line: label, position, quaternion
@@ -51,6 +51,7 @@ class Trajectory:
         return self.labels is not None and all(is_time(label) for label in self.labels)
 
 
+@register_reader("trajectory", ".txt", ".csv", ".json", fails=DatasetError)
 def read_trajectory(source: Path, on_error: OnError) -> Trajectory:
     """Reads poses from a file; its first line of numbers, or its suffix .json, says the format.
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data.scene.scene import Scene
-from gsut.files import Array, read_npy, read_picture
+from gsut.files import Array, read_npy, read_picture, register_reader
 
 MILLIMETRE = 1e-3  # metres of a level of a 16-bit depth picture, as RGB-D cameras write it
 _SHORTEST = 0.5  # length from which three numbers are a normal; shorter ones mean unknown
@@ -90,6 +90,7 @@ def read_normals(scene: Scene, view: int) -> np.ndarray | None:
         return np.where(length > _SHORTEST, normals / length, 0.0).astype(np.float32)
 
 
+@register_reader("depths and normals", ".npy")
 def _load_numbers(path: Path) -> np.ndarray:
     return read_npy(path, Array(finite=False)).astype(np.float64)
 
