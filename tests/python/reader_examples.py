@@ -212,7 +212,9 @@ EXAMPLES: dict[str, Make] = {
     ),
     "splat": write_by("s.splat", write_scene, formats.load_gaussians),
 }  # fmt: skip
-WITHOUT = {"USD"}  # of a library that may take minutes over its own damaged files
+# USD: of a library that may take minutes over its own damaged files. Weights: of a package that need
+# not be installed.
+WITHOUT = {"USD", "weights of learned features"}
 
 
 def import_all(package: ModuleType) -> None:

@@ -170,16 +170,16 @@ def _check_array(
     if found.dtype.kind not in _ACCEPTED[array.kind]:
         raise FileError(where, f"holds {found.dtype}, not {_WORDS[array.kind]}", _EXPORT)
     if array.shape is not None:
-        wanted = [
-            size if axis is None else axis if isinstance(axis, int) else lengths.get(axis, size)
-            for axis, size in zip(array.shape, found.shape, strict=False)
-        ]
-        if len(array.shape) != found.ndim or tuple(wanted) != found.shape:
-            said = ", ".join(str(lengths.get(a, a)) if isinstance(a, str) else str(a or "any")
-                             for a in array.shape)  # fmt: skip
+        fits = len(array.shape) == found.ndim
+        for axis, size in zip(array.shape, found.shape, strict=False):
+            wanted = lengths.setdefault(axis, size) if isinstance(axis, str) else axis
+            fits &= wanted in (None, size)
+        if not fits:
+            said = ", ".join(
+                str(lengths.get(axis, axis) if isinstance(axis, str) else axis or "any")
+                for axis in array.shape
+            )
             raise FileError(where, f"has shape {found.shape}, expected ({said})", _EXPORT)
-        letters = zip(array.shape, found.shape, strict=True)
-        lengths.update({axis: size for axis, size in letters if isinstance(axis, str)})
     if array.kind in ("b", "U") or found.size == 0:
         return found.astype(np.int64) if array.kind == "i" else found
     least, most = found.min(), found.max()  # NaN where one is
