@@ -212,8 +212,7 @@ EXAMPLES: dict[str, Make] = {
     ),
     "splat": write_by("s.splat", write_scene, formats.load_gaussians),
 }  # fmt: skip
-# USD: of a library that may take minutes over its own damaged files. Weights: of a package that need
-# not be installed.
+# Of a library that may take minutes over its own damaged files; of a package that few install.
 WITHOUT = {"USD", "weights of learned features"}
 
 
