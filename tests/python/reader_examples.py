@@ -15,6 +15,7 @@ import numpy as np
 
 import gsut
 import small_datasets
+import small_recordings
 import small_videos
 from calib.boards.images import read_grey
 from formats.scene_cases import plain_scene
@@ -31,6 +32,7 @@ from gsut.data.poses.camera_path import read_path, read_path_lens
 from gsut.data.poses.trajectory import read_trajectory
 from gsut.data.rigs import read_rig
 from gsut.data.scene.maps import _load_numbers
+from gsut.lens import spread_pixels
 from gsut.lens.uncertainty import load_uncertainty, save_uncertainty
 from gsut.lifting.lifted import Lifted
 from gsut.lifting.map_folder import read_map
@@ -43,6 +45,7 @@ from gsut.sfm.world import read_positions
 from gsut.surface import Mesh, load_mesh, save_mesh
 
 LENS = gsut.Camera("kannala_brandt", [90, 91, 64, 48, 0.01, 0, 0, 0], 128, 96)
+BARREL = gsut.Camera("opencv5", [90, 91, 64, 48, -0.1, 0.02, 1e-3, -1e-3, 0], 128, 96)
 POSE = np.eye(4).tolist()
 VERDICT = {"level": "good", "what": "sharp", "reasons": [], "advice": ""}
 
@@ -139,6 +142,31 @@ def write_options(folder: Path) -> Example:
     return Example(run.path / "options.json", run.read_options)
 
 
+def write_data(write: Callable[[Path], Any], name: str) -> Make:
+    """Returns a function that writes a dataset, of which the first file of this name is damaged."""
+
+    def make(folder: Path) -> Example:
+        write(folder / "data")
+        file = next(iter(sorted((folder / "data").rglob(name))))
+        return Example(file, lambda: gsut.load_dataset(folder / "data"))
+
+    return make
+
+
+def list_rays() -> np.ndarray:
+    pixels = spread_pixels(LENS.width, LENS.height).reshape(-1, 2)
+    return np.concatenate([pixels, LENS.unproject(pixels)[0]], axis=1)
+
+
+def write_table(file: Path) -> None:
+    np.savetxt(file, list_rays(), header="width: 128\nheight: 96", delimiter=",")
+
+
+def write_arrays(file: Path) -> None:
+    rays = list_rays()
+    np.savez(file, pixels=rays[:, :2], rays=rays[:, 2:], width=128, height=96)
+
+
 TREE = {"axis": 0, "at": 1.5, "below": None, "above": None}
 # Reader -> its example; see `gsut.files.register_reader`.
 EXAMPLES: dict[str, Make] = {
@@ -194,6 +222,23 @@ EXAMPLES: dict[str, Make] = {
         lambda file: Lifted(np.ones((3, 2)), np.ones(3), np.array([2, 7])).save(file),
         Lifted.load,
     ),
+    # More files of these readers.
+    **{
+        name: write_by(name, lambda file: gsut.save_camera(LENS, file), gsut.load_camera)
+        for name in ("camchain.yaml", "cameras.txt", "gsut.lens.json", "opencv.json", "aria.json",
+                     "transforms.json", "camera_models.json")
+    },
+    **{
+        name: write_by(name, lambda file: gsut.save_camera(BARREL, file), gsut.load_camera)
+        for name in ("lens.cameramodel", "matlab.json", "calibration.xml")
+    },
+    "table.csv": write_by("table.csv", write_table, gsut.load_camera),
+    "table.npz": write_by("table.npz", write_arrays, gsut.load_camera),
+    "COLMAP images.txt": write_data(small_datasets.write_colmap_text, "images.txt"),
+    "COLMAP points3D.txt": write_data(small_datasets.write_colmap_text, "points3D.txt"),
+    "poses.txt": write_data(small_datasets.write_folder, "poses.txt"),
+    "EuRoC data.csv": write_data(small_recordings.write_euroc, "data.csv"),
+    "EuRoC sensor.yaml": write_data(small_recordings.write_euroc, "sensor.yaml"),
     # Of binary files, which tests/python/malformed.py damages, too.
     "PLY of Gaussians": write_by("s.ply", write_scene, formats.load_gaussians),
     "SOG": write_by("s.sog", write_scene, formats.load_gaussians),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import itertools
 import json
+import re
 import struct
 import time
 import traceback
@@ -19,6 +20,7 @@ import numpy as np
 from gsut import InputError
 
 SECONDS = 5.0  # of a processor that a small file may take
+TEXT = (".yaml", ".csv", ".txt", ".xml", ".cameramodel")  # endings of text other than JSON
 DEEP = "[" * 100_000
 DIGITS = "9" * 400
 # In place of any value of JSON.
@@ -71,6 +73,21 @@ def list_texts(text: str) -> Iterator[bytes]:
     yield text.encode().replace(b'"', b'"\xe4', 1)
     yield (DEEP + text).encode()
     yield text.replace("{", '{"deep": ' + DEEP + ",", 1).encode()
+
+
+def list_lines(text: str) -> Iterator[bytes]:
+    """Yields changed text: numbers, encodings, long runs of blanks."""
+    numbers = list(re.finditer(r"(?<![\w.])-?\d[\d.]*(e[-+]?\d+)?", text))
+    for found in numbers[:: max(1, len(numbers) // 30)]:
+        for wrong in ("x", "", "nan", "inf", "-1", "0.5", "1e400", DIGITS, "[1]", "null", '"'):
+            yield (text[: found.start()] + wrong + text[found.end() :]).encode()
+    yield from (text.encode(code) for code in ("utf-16", "utf-8-sig", "utf-32"))
+    yield text.encode().replace(b"\n", b"\xe4\n", 1)
+    yield from (
+        (text + each * 100_000 + text).encode() for each in (" ", "\n", "\t", "\0", "-", "1")
+    )
+    yield text.replace("\n", "\r\n").encode()
+    yield (text + text).encode()
 
 
 def pack(members: dict[str, bytes], **options: Any) -> bytes:
@@ -132,6 +149,8 @@ def list_contents(path: Path, content: bytes) -> Iterator[bytes]:
     """Yields changed contents of a file by its kind."""
     yield from (b"", b"\0", b"\xff\xfe", DEEP.encode(), DIGITS.encode(), b"null", b"PK\x03\x04")
     yield from (content[:end] for end in (1, len(content) // 2, len(content) - 1))
+    if path.suffix in TEXT:
+        yield from list_lines(content.decode())
     if path.suffix == ".json":
         yield from list_texts(content.decode())
     elif path.suffix == ".npy":

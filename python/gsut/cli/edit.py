@@ -266,7 +266,12 @@ def _read_undo(path: Path) -> tuple[float, np.ndarray, np.ndarray]:
 
     nerfstudio trains in x' = s (R x + t), with R and t in "transform" and s in "scale".
     """
-    values = read_json(path, _UNDO, advice="give nerfstudio's dataparser_transforms.json")
+    values = read_json(
+        path, _UNDO,
+        fails=lambda where, what, _: InputError(
+            f"{where}: is no dataparser_transforms.json ({what})"
+        ),
+    )  # fmt: skip
     transform, scale = np.array(values["transform"], np.float64), float(values["scale"])
     back = transform[:, :3].T
     return 1 / scale, back, -back @ transform[:, 3]
