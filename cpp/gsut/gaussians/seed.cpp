@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <sstream>
 #include <string>
 #include <vector>
 
@@ -14,11 +15,16 @@
 namespace gsut {
 namespace {
 
+// Farthest coordinate in any unit, whose square is finite: neighbours are compared by squares.
+constexpr double kFarthest = 1e12;
+
 void CheckFinite(const double* values, std::int64_t rows, const char* name) {
   for (std::int64_t i = 0; i < 3 * rows; ++i) {
-    if (!std::isfinite(values[i])) {
+    if (!(std::abs(values[i]) <= kFarthest)) {
+      std::ostringstream found;
+      found << values[i];
       throw InputError(std::string(name) + " row " + std::to_string(i / 3) + " holds " +
-                       std::to_string(values[i]) + "; remove rows that are not finite");
+                       found.str() + "; remove rows that are not finite, or farther than 1e12");
     }
   }
 }

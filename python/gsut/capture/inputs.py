@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from gsut._core import InputError
+from gsut.bounds import check_number
 from gsut.capture.frames import Capture, OnProgress, extract_frames
 from gsut.capture.panorama import find_other_lens, prepare_panoramas
 from gsut.capture.photographs import collect_photographs, find_photograph_files
@@ -46,6 +47,8 @@ def capture(
         InputError: see `extract_frames`, `collect_photographs` and `prepare_panoramas`; or pictures
             of several sizes.
     """
+    if count is not None:
+        check_number(count, "count", 1, whole=True)
     return prepare_panoramas(_take_pictures(inputs, out, count, on_progress), nadir_cap)
 
 

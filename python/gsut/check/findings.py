@@ -32,7 +32,7 @@ class Finding:
 
     def __str__(self) -> str:
         tail = f"; {self.advice}" if self.advice else ""
-        return f"{self.severity}: {self.where}: {self.what}{tail}"
+        return " ".join(f"{self.severity}: {self.where}: {self.what}{tail}".splitlines())
 
 
 def make_reporters(where: str) -> tuple[Callable[..., Finding], Callable[..., Finding]]:

@@ -8,7 +8,6 @@ to import is imported by `run`, so that `--help` and a wrong argument answer at 
 from __future__ import annotations
 
 import argparse
-import contextlib
 import errno
 import importlib
 import io
@@ -22,6 +21,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NoReturn
 
 from gsut import _core, _starting
+from gsut.terminal import TerminalStream, say
 
 EXIT_INPUT = 2  # wrong arguments or data: one sentence says which
 EXIT_INTERRUPTED = 130  # as shells report Ctrl-C
@@ -93,11 +93,12 @@ def run_command(
     for name in ("stdout", "stderr"):  # closed before the command began
         if getattr(sys, name) is None:
             setattr(sys, name, io.StringIO())
-    given = sys.stderr
-    for stream in (sys.stdout, given):  # a name that the terminal cannot show is shown escaped
+    given = sys.stdout, sys.stderr
+    for stream in given:  # a name that the terminal cannot show is shown escaped
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
-    sys.stderr = lenient = _LenientStream(given)
+    lenient = TerminalStream(sys.stderr, lenient=True)  # a full disk there ends no command
+    sys.stdout, sys.stderr = TerminalStream(sys.stdout), lenient
     try:
         try:
             _refuse_empty(words)
@@ -107,7 +108,7 @@ def run_command(
         finally:
             sys.stdout.flush()  # here its failure can be reported
     except KeyboardInterrupt as interrupt:
-        _say(f"\ngsut: {str(interrupt) or _STOPPED}")
+        say(str(interrupt) or _STOPPED, before="\n")
         return EXIT_INTERRUPTED
     except BrokenPipeError:  # the reader of a pipe, such as head, has seen enough
         _drop_output()
@@ -118,35 +119,9 @@ def run_command(
             raise
         return _report(sentence)
     finally:
-        sys.stderr = io.StringIO() if lenient.failed else given  # flushed at the end of the process
-
-
-class _LenientStream:
-    """Standard error, whose full disk ends no command: what cannot be written there is dropped."""
-
-    def __init__(self, stream: Any) -> None:
-        self._stream = stream
-        self.failed = False
-
-    def write(self, text: str) -> int:
-        self._try(lambda: self._stream.write(text))
-        return len(text)
-
-    def flush(self) -> None:
-        self._try(self._stream.flush)
-
-    def _try(self, write: Callable[[], object]) -> None:
-        if self.failed:
-            return
-        try:
-            write()
-        except OSError as error:
-            self.failed = True
-            if isinstance(error, BrokenPipeError):
-                raise
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._stream, name)
+        sys.stdout, sys.stderr = given
+        if lenient.failed:  # it is flushed at the end of the process
+            sys.stderr = io.StringIO()
 
 
 def _refuse_empty(words: Sequence[str]) -> None:
@@ -191,25 +166,20 @@ def _is_memory_short(error: Exception) -> bool:
 
 
 def _show_warning(message: Warning | str, *_: Any, **__: Any) -> None:
-    _say(f"gsut: note: {message}")
-
-
-def _say(line: str) -> None:
-    """Prints to standard error, which nobody may read any more."""
-    with contextlib.suppress(OSError):
-        print(line, file=sys.stderr, flush=True)
+    say(f"note: {message}")
 
 
 def _drop_output() -> None:
     """Sends standard output nowhere from now on, so that flushing it at the end cannot fail."""
-    if sys.stdout is sys.__stdout__ and sys.stdout is not None:
+    stream = getattr(sys.stdout, "stream", sys.stdout)
+    if stream is sys.__stdout__ and stream is not None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _report(message: str) -> int:
     if os.environ.get(DEBUG_VARIABLE, "0") not in ("", "0"):
         traceback.print_exc()
-    _say(f"gsut: error: {' '.join(message.split())}")
+    say(f"error: {' '.join(message.split())}")
     return EXIT_INPUT
 
 

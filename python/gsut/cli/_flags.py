@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import math
-import sys
 from pathlib import Path
 from typing import Any
 
 from gsut._core import InputError
+from gsut.bounds import check_number
 from gsut.files import format_json
-from gsut.run.options import MOST_WHOLE
+from gsut.terminal import say
 
 # Of pictures, films, scenes and tables: nobody means a folder by such a name.
 FILE_SUFFIXES = frozenset(
@@ -23,9 +22,6 @@ FILE_SUFFIXES = frozenset(
     )
     for name in names.split()
 )
-
-
-_MOST = 1e100  # of flags without bounds: its square is finite
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:
@@ -65,7 +61,7 @@ def check_first(scene: Any, force: bool, quiet: bool = False, matches: Any = Non
     findings = check_scene(scene, matches)
     for finding in findings:
         if not quiet and finding.severity != "info":
-            print(f"gsut: {finding}", file=sys.stderr)
+            say(str(finding))
     stop_at_errors(findings, force)
     return findings
 
@@ -117,30 +113,15 @@ class Number:
         whole: bool = False,
         above: bool = False,
     ) -> None:
-        self.whole, self._above = whole, above
-        most = MOST_WHOLE if whole else _MOST
-        self._low, self._high = -most if low is None else low, most if high is None else high
+        self.whole, self._above, self._low, self._high = whole, above, low, high
 
     def __call__(self, text: str) -> Any:
         try:
-            value = int(text) if self.whole else float(text)
-        except ValueError:
-            value = math.nan
-        above = value > self._low if self._above else value >= self._low
-        if not (above and value <= self._high):
-            raise argparse.ArgumentTypeError(
-                f"takes {self._describe_range(value)}, found {text[:80]!r}"
+            return check_number(
+                text, "", self._low, self._high, whole=self.whole, above=self._above
             )
-        return value
-
-    def _describe_range(self, value: float) -> str:
-        if not self.whole and not math.isfinite(value):
-            return "a finite number"
-        words = "a whole number" if self.whole else "a number"
-        most = f" to {self._high:.10g}"
-        if not self._above:
-            return f"{words} from {self._low:.10g}{most}"
-        return f"{words} above {self._low:.10g}, up{most}"
+        except InputError as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
 
 
 finite = Number()

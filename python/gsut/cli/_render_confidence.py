@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ from gsut.files import whole_file
 from gsut.page import paint_values
 from gsut.render import Confidence, write_png
 from gsut.run import Progress, RunFile, RunFolder
+from gsut.terminal import say
 from gsut.training import TrainedRun, load_run
 
 _FOLDER = "confidence"
@@ -67,7 +67,7 @@ class ConfidenceOutput:
             if (place / RunFile.METRICS).is_file():
                 write_report(RunFolder.open(place))
         except InputError as error:  # the images need neither
-            print(f"gsut: note: {error}", file=sys.stderr)
+            say(f"note: {error}")
         return cls(run, confidence)
 
     def add(self, folder: Path, name: str, result: Any, turns: int) -> None:

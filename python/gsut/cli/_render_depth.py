@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -16,6 +15,7 @@ from gsut.data.poses import invert_pose
 from gsut.files import refuse_existing, whole_file
 from gsut.render import measure_depth, write_png, z_from_distance
 from gsut.surface import Cloud, DepthMap, save_mesh
+from gsut.terminal import say
 
 _DEPTH = "depth"
 _LEVELS = 65535  # of a 16-bit picture
@@ -112,10 +112,9 @@ class DepthOutput:
             figures |= {_DEPTH: self._along, "depth_kind": self._kind}
         if self._too_far:
             share = self._too_far / self._known
-            print(
-                f"gsut: note: {share:.1%} of the depths are beyond {_LEVELS * UNIT:g} and 0 "
-                f"in the 16-bit files; the .npy files hold them",
-                file=sys.stderr,
+            say(
+                f"note: {share:.1%} of the depths are beyond {_LEVELS * UNIT:g} and 0 "
+                f"in the 16-bit files; the .npy files hold them"
             )
         if self._file is not None:
             points = self._cloud.to_mesh()

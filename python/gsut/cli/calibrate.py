@@ -16,6 +16,7 @@ from gsut._core import InputError
 from gsut.cli._flags import add_json, add_quiet, finite, print_json
 from gsut.files import check_regular
 from gsut.output_folder import claim_folder
+from gsut.terminal import say
 
 HELP = "photographs of a chessboard to a lens file"
 DESCRIPTION = (
@@ -148,7 +149,7 @@ def _import_calib() -> ModuleType:
 
 def _print_notes(notes: Sequence[str]) -> None:
     for note in notes:
-        print(f"gsut: note: {note}", file=sys.stderr)
+        say(f"note: {note}")
 
 
 def _list_images(given: list[str]) -> list[Path]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import itertools
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +17,7 @@ from gsut.cli._flags import (
     whole,
 )
 from gsut.files import refuse_existing
+from gsut.terminal import say
 
 HELP = "fewer Gaussians, for a picture as near as they allow"
 DESCRIPTION = (
@@ -143,7 +143,7 @@ def _compact_run(arguments: argparse.Namespace, options: Any) -> dict[str, Any]:
 
     def on_try(count: int, psnr: float) -> None:
         if not arguments.quiet:
-            print(f"gsut: {count:,} Gaussians: {psnr:.2f} dB", file=sys.stderr)
+            say(f"{count:,} Gaussians: {psnr:.2f} dB")
 
     done, views = itertools.count(), len(trained.scene.train_indices)
     with Progress(not arguments.quiet) as bars:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-import sys
 from pathlib import Path
 from typing import Any
 
 from gsut.cli._flags import add_json, print_json, read_folder_name
 from gsut.data import list_writable_layouts
+from gsut.terminal import say
 
 HELP = "convert a dataset, a run's poses or a ROS bag into another layout"
 DESCRIPTION = "Works on datasets: photographs with lenses and poses, in any layout."
@@ -82,7 +82,7 @@ def _convert(arguments: argparse.Namespace) -> int:
         print_json({"out": arguments.out, "layout": arguments.to, "notes": notes})
         return 0
     for note in notes:
-        print(f"gsut: note: {note}", file=sys.stderr)
+        say(f"note: {note}")
     print(arguments.out)
     return 0
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
+from gsut.bounds import LEAST_SCALE
 from gsut.cli._flags import add_json, finite, print_json
 from gsut.cli.convert import find_scene_file
 from gsut.files import refuse_existing
@@ -22,7 +23,6 @@ DESCRIPTION = (
 )
 
 _WORKING = 5.0  # of the Gaussians' numbers, beside them: turned in float64, and written
-_LEAST_SCALE = 1e-12  # from the size of an atom to a building's; float32 ends at 1e38
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
@@ -170,10 +170,9 @@ def _scale_of(arguments: argparse.Namespace) -> float:
     if len(whole) + by_hand > 1:
         raise InputError(f"{whole[0]} says scale and up; give no other of them")
     scale = 1.0 if arguments.scale is None else arguments.scale
-    if not _LEAST_SCALE <= scale <= 1 / _LEAST_SCALE:
+    if not LEAST_SCALE <= scale <= 1 / LEAST_SCALE:
         raise InputError(
-            f"--scale must be above 0, from {_LEAST_SCALE:g} to {1 / _LEAST_SCALE:g}, "
-            f"found {scale:g}"
+            f"--scale must be above 0, from {LEAST_SCALE:g} to {1 / LEAST_SCALE:g}, found {scale:g}"
         )
     return float(scale)
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -17,6 +16,7 @@ from gsut.cli._flags import (
     read_folder_name,
 )
 from gsut.files import whole_folder
+from gsut.terminal import say
 
 HELP = "figures on the held-out images"
 DESCRIPTION = (
@@ -131,7 +131,7 @@ def _measure_run(
         )
     figures["num_gaussians"] = len(gaussians)
     if options.refine_poses:
-        print("gsut: note: poses as the run refined them, held-out views aligned", file=sys.stderr)
+        say("note: poses as the run refined them, held-out views aligned")
     if arguments.geometry is not None:
         figures["geometry"] = _measure_geometry(
             arguments, gaussians, scene, indices, options.background, out

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
 from typing import Any
 
 from gsut.cli._flags import add_json, print_json
+from gsut.terminal import say
 
 _FOCAL_OFF = 0.025  # relative; reported above this
 HELP = "where a photograph of a trained scene was taken"
@@ -100,15 +100,14 @@ def _print_pose(figures: dict[str, Any]) -> None:
     )
     print(f"{figures['agreement']:.0%} of the photograph's parts lie where the scene shows them")
     if abs(figures["focal_scale"] - 1) > _FOCAL_OFF:
-        print(
-            "gsut: warning: the photograph fits better a focal length times "
+        say(
+            "warning: the photograph fits better a focal length times "
             f"{figures['focal_scale']:.3f}: check --camera; the uncertainty says how far that "
-            "moves the pose",
-            file=sys.stderr,
+            "moves the pose"
         )
     _print_shutter(figures)
     if not figures["converged"]:
-        print("gsut: note: the refinement stopped before it converged", file=sys.stderr)
+        say("note: the refinement stopped before it converged")
 
 
 def _print_shutter(figures: dict[str, Any]) -> None:
@@ -122,9 +121,8 @@ def _print_shutter(figures: dict[str, Any]) -> None:
         print(f"from first to last line the centre moves by {moved}")
         print(f"and the camera turns by {turned} degrees about its axes")
     elif figures["shutter_source"] == "undetermined":
-        print(
-            "gsut: warning: the photograph does not determine whether its lines were read one "
+        say(
+            "warning: the photograph does not determine whether its lines were read one "
             "after the other; it is posed as read at once, and the uncertainty says how far motion "
-            "would move the pose",
-            file=sys.stderr,
+            "would move the pose"
         )

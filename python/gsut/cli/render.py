@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import dataclasses
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -23,6 +22,7 @@ from gsut.cli._flags import (
 )
 from gsut.cli._render_order import add_order, check_order
 from gsut.files import refuse_existing, whole_folder
+from gsut.terminal import say
 
 HELP = "images, depths or a film through any lens along any path"
 DESCRIPTION = (
@@ -333,10 +333,9 @@ def _reshape_lens(arguments: argparse.Namespace, lens: Any) -> Any:
         width, height = parse_image_size(arguments.size)
         stretch = width / lens.width / (height / lens.height)
         if abs(stretch - 1) > 1 / min(width, height):
-            print(
-                f"gsut: note: {width} x {height} is of another shape than the lens' {lens.width} x "
-                f"{lens.height}: pixels are drawn {1 / stretch:.3g} times as wide as high",
-                file=sys.stderr,
+            say(
+                f"note: {width} x {height} is of another shape than the lens' {lens.width} x "
+                f"{lens.height}: pixels are drawn {1 / stretch:.3g} times as wide as high"
             )
         lens = lens.resize(width, height)
     return lens if arguments.fov is None else with_field_of_view(lens, arguments.fov)

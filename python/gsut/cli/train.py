@@ -6,7 +6,6 @@ import argparse
 import concurrent.futures
 import dataclasses
 import importlib
-import sys
 from collections.abc import Sequence
 from typing import Any
 
@@ -24,6 +23,7 @@ from gsut.output_folder import is_claimed
 from gsut.run import BlockOptions, RunFile, RunFolder, TrainOptions, Verdict, read_plan
 from gsut.run.options import add_option_flags, collect_given, fit_to_views
 from gsut.system import format_command
+from gsut.terminal import say
 
 HELP = "train a scene on photographs"
 DESCRIPTION = (
@@ -141,12 +141,12 @@ def train_into(
 
         colors = UNCOLORED if len(scene.points) and not has_colors(scene) else None
         for note in filter(None, (*scene.notes, describe_resizing(scene, options), colors)):
-            print(f"gsut: note: {note}", file=sys.stderr)
+            say(f"note: {note}")
     if not (resume and run.has_run()):
         findings = check_first(scene, force, quiet, _match_neighbours(scene))
         keep_accusation(run, findings)
     elif run.is_finished() and not quiet:
-        print(f"gsut: note: {run.path} is finished; nothing in it changes", file=sys.stderr)
+        say(f"note: {run.path} is finished; nothing in it changes")
     try:
         if blocks is not None:
             gsut.train_blocks(

@@ -12,6 +12,7 @@ from typing import Any, TextIO
 
 from gsut._core import InputError
 from gsut.cli._flags import add_json, add_moved_data, print_json
+from gsut.terminal import say
 
 HELP = "walk through a scene in the browser"
 DESCRIPTION = (
@@ -66,7 +67,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     stage = open_stage(arguments.scene, arguments.data)
     for note in () if stage.scene is None else stage.scene.notes:
-        print(f"gsut: note: {note}", file=sys.stderr)
+        say(f"note: {note}")
     told = sys.stderr if arguments.json else sys.stdout
     with (
         contextlib.suppress(KeyboardInterrupt),

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
 from gsut.data.errors import DatasetError
-from gsut.files import check_shape, reading
+from gsut.files import read_json, reading
 
 CAPTURE = "capture.json"
 CAPTURE_FOLDER = "capture"  # of a video's frames, in the folder of their poses
@@ -42,9 +41,8 @@ def read_capture(folder: Path) -> dict[str, Any] | None:
     if not path.is_file():
         return None
     advice = f"remove {path}, and the same command chooses the pictures again"
-    with reading(lambda what: DatasetError(path, what, advice)):
-        figures = json.loads(path.read_text(encoding="utf-8"))
-        check_shape(figures, _SHAPE)
+    with reading(path, advice, DatasetError):
+        figures = read_json(path, _SHAPE, advice=advice)
         _, _ = figures["size"]
         for _, _, _ in figures["key"]["inputs"]:
             pass

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from gsut._core import InputError
+from gsut.files import FileError
 
 NAMES_SHOWN = 5  # names that a message lists before "and n more"; more do not fit a line
 
 
-class DatasetError(InputError):
+class DatasetError(FileError):
     """A dataset cannot be used as it is.
 
     Attributes:
@@ -17,10 +18,6 @@ class DatasetError(InputError):
         what: what was found, and what was expected.
         advice: what to do about it.
     """
-
-    def __init__(self, where: object, what: str, advice: str) -> None:
-        super().__init__(f"{where}: {what}; {advice}")
-        self.where, self.what, self.advice = str(where), what, advice
 
 
 # Readers pass each error of a single frame to such a function. `raise_error` stops at the first

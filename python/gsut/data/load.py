@@ -69,7 +69,7 @@ def read_dataset(path: Path, *, on_error: OnError = raise_error) -> Listing:
             "lay the files out in one of these ways (docs/datasets.md), or let `gsut scene` make a "
             "scene of photographs",
         )
-    with reading(lambda what: DatasetError(path, what, "is one of its files damaged?")):
+    with reading(path, "is one of its files damaged?", DatasetError):
         return _read(layout, path, on_error)
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
+from gsut.bounds import check_direction
 from gsut.gaussians.arrays import Gaussians
 from gsut.gaussians.quaternions import rotations_from_quaternions
 
@@ -71,9 +72,10 @@ def find_ground(gaussians: Gaussians, up: np.ndarray) -> tuple[np.ndarray, float
         plane in world coordinates.
 
     Raises:
-        InputError: fewer than three flat Gaussians that lie level within 30 degrees.
+        InputError: `up` is no direction, or fewer than three flat Gaussians lie level within 30
+            degrees.
     """
-    g, up = gaussians, np.asarray(up, np.float64) / np.linalg.norm(up)
+    g, up = gaussians, check_direction(up, "up")
     unit = g.quats / np.linalg.norm(g.quats, axis=1, keepdims=True)
     thin = np.argmin(g.log_scales, axis=1)
     normals = rotations_from_quaternions(unit.astype(np.float64))[np.arange(len(g)), :, thin]

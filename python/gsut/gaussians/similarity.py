@@ -8,6 +8,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
+from gsut.bounds import LEAST_SCALE, check_direction, check_number, check_vector
 from gsut.gaussians.arrays import Gaussians
 from gsut.gaussians.quaternions import multiply_quaternions, quaternion_from_rotation
 
@@ -30,20 +31,22 @@ def transform_gaussians(
     Args:
         gaussians: N Gaussians.
         rotation: (3, 3), orthogonal and right-handed to 1e-6.
-        scale: above 0.
+        scale: from 1e-12 to 1e12.
         translation: (3,), in the new units.
 
     Returns:
         Gaussians that give the same picture to a camera moved the same way; the origin moves too.
 
     Raises:
-        InputError: `rotation` is no rotation, or the scale is not above 0.
+        InputError: `rotation` is no rotation, or the scale or the translation is out of range.
     """
     r = np.asarray(rotation, np.float64)
-    proper = r.shape == (3, 3) and np.allclose(r @ r.T, np.eye(3), atol=_ORTHOGONAL)
-    if not proper or np.linalg.det(r) < 0 or not 0 < scale < np.inf:
-        raise InputError(f"a rotation and a scale above 0 are needed, found {r.tolist()}, {scale}")
-    g = gaussians
+    proper = r.shape == (3, 3) and bool((np.abs(r) < 2).all())
+    proper = proper and np.allclose(r @ r.T, np.eye(3), atol=_ORTHOGONAL)
+    if not proper or np.linalg.det(r) < 0:
+        raise InputError(f"a rotation is needed, found {r.tolist()}")
+    scale = check_number(scale, "scale", LEAST_SCALE, 1 / LEAST_SCALE)
+    shift, g = check_vector(translation, "translation"), gaussians
     return dataclasses.replace(
         g,
         means=(scale * (g.means.astype(np.float64) @ r.T)).astype(g.dtype),
@@ -52,7 +55,7 @@ def transform_gaussians(
         ),
         log_scales=(g.log_scales + np.log(scale)).astype(g.dtype),
         sh=np.einsum("ij,njc->nic", rotate_harmonics(g.sh_degree, r), g.sh).astype(g.dtype),
-        origin=scale * (r @ g.origin) + np.asarray(translation, np.float64),
+        origin=scale * (r @ g.origin) + shift,
     )
 
 
@@ -78,9 +81,11 @@ def rotate_upright(up: np.typing.ArrayLike) -> np.ndarray:
 
     Returns:
         (3, 3), for `transform_gaussians`.
+
+    Raises:
+        InputError: it is no direction.
     """
-    a = np.asarray(up, np.float64)
-    a = a / np.linalg.norm(a)
+    a = check_direction(up, "up")
     axis, cosine = np.cross(a, _UP), float(a @ _UP)
     if cosine < -1 + 1e-9:
         return np.diag([1.0, -1.0, -1.0])

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from gsut._core import InputError
+from gsut.bounds import LEAST_SCALE, check_number
 from gsut.lens.camera import Camera
 
 _SAMPLES = 129  # of the middle row
@@ -49,6 +50,7 @@ def find_focal_params(camera: Camera) -> list[int]:
 
 def with_scaled_focal(camera: Camera, factor: float) -> Camera:
     """Returns the lens with its focal lengths times a factor."""
+    factor = check_number(factor, "factor", LEAST_SCALE, 1 / LEAST_SCALE)
     params = np.array(camera.params)
     params[find_focal_params(camera)] *= factor
     return camera.with_params(params)
@@ -62,6 +64,7 @@ def with_field_of_view(camera: Camera, degrees: float) -> Camera:
     """
     if not has_focal_length(camera):
         raise InputError(f"{camera.model} has no focal length that a field of view could change")
+    degrees = check_number(degrees, "degrees", 0, 360, above=True)
     low, high = math.log(1e-3), math.log(1e3)
     for _ in range(_SEARCH_STEPS):
         middle = (low + high) / 2

@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from gsut.files import format_json
+
 _JPEG_QUALITY = 88  # of embedded pictures: artefacts stay below what renders lack
 _SECTIONS = """{% extends "page.html.j2" %}{% block content %}<h1>{{ title }}</h1>
 {%- for note in notes %}<p class="note">{{ note }}</p>{% endfor %}
@@ -54,6 +56,7 @@ def _make_environment() -> Any:
         undefined=jinja2.StrictUndefined,
         loader=jinja2.DictLoader({name: files.joinpath(name).read_text("utf-8") for name in names}),
     )
+    environment.filters["tojson"] = lambda value: mark_safe(embed_json(value))
     environment.filters.update(number=format_number, duration=format_duration)
     environment.globals.update(table=build_table)
     return environment
@@ -100,6 +103,11 @@ def format_duration(seconds: float | None) -> str:
     if minutes < 60:
         return f"{minutes} min {rest:02d} s"
     return f"{minutes // 60} h {minutes % 60:02d} min"
+
+
+def embed_json(value: Any) -> str:
+    """Returns JSON for a script element, of which no text in it can end or change anything."""
+    return format_json(value).replace("<", "\\u003c")
 
 
 def embed_bytes(data: bytes, kind: str) -> str:

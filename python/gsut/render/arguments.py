@@ -54,8 +54,8 @@ def read_background(
             f"background must be 3 finite numbers, found shape {found.shape}; or give an image of "
             f"shape {shape}"
         )
-    if not np.isfinite(found).all():
-        raise InputError("background must be 3 finite numbers, found NaN or infinity")
+    if not (np.abs(found) <= np.finfo(np.float32).max).all():
+        raise InputError("background must be 3 finite numbers, found NaN, infinity or one beyond")
     if found.dtype.kind != "f" and (found.ndim == 3 or found.min() < 0 or found.max() > 1):
         raise InputError(
             f"background must be in [0, 1], found {found.dtype} of {found.min()} to {found.max()}; "

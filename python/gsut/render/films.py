@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
+from gsut.bounds import check_number
 from gsut.files import whole_file
 
 # Codec and its settings for each container. crf 18 and 30: what both codecs' makers call visually
@@ -21,6 +22,8 @@ _CODECS: dict[str, tuple[str, dict[str, str]]] = {
                              "cpu-used": "4"}),
 }  # fmt: skip
 _GIF = ".gif"
+# Frames a second, from a slide show to the fastest cameras.
+_RATES = 1e-3, 1e4
 FILM_SUFFIXES = (*_CODECS, _GIF)
 _MOST_GIF_RATE = 50.0  # browsers play faster ones slowly
 # Colours as high-definition players take them, by FFmpeg's numbers.
@@ -64,6 +67,7 @@ def write_video(path: Path, frames: Iterable[np.ndarray], frames_per_second: flo
     path = Path(path)
     if not is_film(path):
         raise InputError(f"{path}: a film's name ends in {', '.join(FILM_SUFFIXES)}")
+    frames_per_second = check_number(frames_per_second, "frames_per_second", *_RATES)
     suffix = path.suffix.lower()
     if suffix == _GIF and frames_per_second > _MOST_GIF_RATE:
         raise InputError(f"a GIF has at most {_MOST_GIF_RATE:.0f} frames a second")

@@ -6,6 +6,8 @@ import math
 
 import numpy as np
 
+from gsut.bounds import check_direction, check_number
+
 # The optical axes have a common point to look at where the least eigenvalue of their mean
 # perpendicular projector is above this (0 = parallel, 2/3 = all directions alike) ...
 _LEAST_CONVERGENCE = 1e-3
@@ -40,6 +42,7 @@ def smooth_path(
     Returns:
         (num_frames, 4, 4) float64 camera_from_world.
     """
+    num_frames = check_number(num_frames, "num_frames", 1, whole=True)
     keys = np.linalg.inv(np.asarray(camera_from_world, np.float64))[:, :3]  # world_from_camera
     if closed and len(keys) > 1:
         keys = np.concatenate([keys, keys[:1]])
@@ -88,7 +91,7 @@ def _rotate_to_level(camera_from_world: np.ndarray, up: np.ndarray) -> np.ndarra
         (N, 4, 4) float64 camera_from_world with the same centres and views.
     """
     poses = np.array(camera_from_world, np.float64)
-    axis = np.asarray(up, np.float64) / np.linalg.norm(up)
+    axis = check_direction(up, "up")
     own, view = -poses[:, 1, :3], poses[:, 2, :3]
     aside = np.cross(view, own)
     roll = np.arctan2(aside @ axis, own @ axis)
@@ -123,7 +126,7 @@ def make_orbit_path(
     Args:
         camera_from_world: (N, 4, 4) poses of the photographs, N >= 1.
         num_frames: number of poses wanted, >= 1.
-        up: (3,) of the world, of length 1; None: the cameras' mean up.
+        up: (3,) of the world; None: the cameras' mean up.
 
     Returns:
         (num_frames, 4, 4) float64 camera_from_world.
@@ -131,7 +134,8 @@ def make_orbit_path(
     world_from_camera = np.linalg.inv(np.asarray(camera_from_world, np.float64))
     centers = world_from_camera[:, :3, 3]
     forward = world_from_camera[:, :3, 2]
-    up = find_mean_up(camera_from_world) if up is None else np.asarray(up, np.float64)
+    num_frames = check_number(num_frames, "num_frames", 1, whole=True)
+    up = find_mean_up(camera_from_world) if up is None else check_direction(up, "up")
     middle = centers.mean(axis=0)
 
     angle = 2 * np.pi * np.arange(num_frames) / num_frames

@@ -15,6 +15,8 @@ from gsut.files import (
     check_regular,
     check_shape,
     format_json,
+    read_json,
+    read_text,
     reading,
     whole_file,
     whole_folder,
@@ -171,7 +173,7 @@ class RunFolder:
         """Returns whether a training has done all its steps and written all its files."""
         if not all((self.path / name).is_file() for name in _RESULTS):
             return False
-        with reading(lambda what: InputError(f"{self.path / RunFile.METRICS}: {what}; {_DAMAGED}")):
+        with reading(self.path / RunFile.METRICS, _DAMAGED):
             steps = self.read_json(RunFile.METRICS)["steps"]
         return read_plan(self) is not None or steps == self.read_options().steps
 
@@ -235,7 +237,8 @@ class RunFolder:
             InputError: the file is not JSON, or lacks what commands read of it.
         """
         path = self.path / name
-        return _read_values(path, _SHAPES.get(name, dict)) if path.is_file() else None
+        shape = _SHAPES.get(name, dict)
+        return read_json(path, shape, advice=_DAMAGED) if path.is_file() else None
 
     def read_options(self) -> TrainOptions:
         """Reads the options of the run.
@@ -249,7 +252,7 @@ class RunFolder:
                 f"{path} is absent, so nobody knows how the run was made; {RunFile.SCENE}, if it "
                 "is there, can be used by itself, and a new run needs another folder"
             )
-        return _parse_options(path, lambda: check_regular(path).read_text(encoding="utf-8"))
+        return _parse_options(path, lambda: read_text(path))
 
     def read_given_options(self) -> TrainOptions:
         """Reads the options as given to a training in blocks; otherwise as `read_options`."""
@@ -284,21 +287,14 @@ class RunFolder:
             self.history.roll_back(0)
             return None
         content = read_checkpoint(path)
-        with reading(lambda what: InputError(f"{path}: {what}; {_OTHER_CHECKPOINT}")):
+        with reading(path, _OTHER_CHECKPOINT):
             check_shape(content, {"step": int, "state": dict})
         self.history.roll_back(content["step"])
         return content["step"], content["state"]
 
 
-def _read_values(path: Path, shape: Any) -> Any:
-    with reading(lambda what: InputError(f"{path}: {what}; {_DAMAGED}")):
-        values = json.loads(path.read_text(encoding="utf-8"))
-        check_shape(values, shape)
-        return values
-
-
 def _parse_options(path: Path, read: Callable[[], str]) -> TrainOptions:
-    with reading(lambda what: InputError(f"{path}: {what}; {_DAMAGED}")):
+    with reading(path, _DAMAGED):
         return TrainOptions.from_json(read(), source=str(path))
 
 
@@ -317,7 +313,7 @@ def read_plan(run: RunFolder) -> dict[str, Any] | None:
     if not (run.path / RunFile.BLOCKS).is_dir():
         return None
     path = run.path / RunFile.PLAN
-    with reading(lambda what: InputError(f"{path}: {what}; {_DAMAGED}")):
+    with reading(path, _DAMAGED):
         plan = run.read_json(RunFile.PLAN)
         if plan is None:
             raise InputError(f"{path} is absent or is not a file, so the run cannot go on")

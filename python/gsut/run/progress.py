@@ -6,6 +6,8 @@ import sys
 from collections.abc import Iterator, Sequence
 from typing import Any, TextIO, TypeVar
 
+from gsut.terminal import TerminalStream
+
 # Seconds between refreshes: often on a terminal, seldom in a log file.
 _TERMINAL_INTERVAL = 0.1
 _LOG_INTERVAL = 15.0
@@ -24,7 +26,7 @@ _Item = TypeVar("_Item")
 class _Log:
     """A file that is no terminal: a bar's states become lines of their own."""
 
-    def __init__(self, file: TextIO) -> None:
+    def __init__(self, file: Any) -> None:
         self._file = file
 
     def write(self, text: str) -> None:
@@ -45,7 +47,7 @@ class Progress:
 
     def __init__(self, enabled: bool = True, file: TextIO | None = None) -> None:
         self._enabled = enabled
-        self._file = file
+        self._file = None if file is None else TerminalStream(file)
         self._bar: Any = None
         self._stage = ""
         self._psnr: float | None = None
@@ -82,7 +84,7 @@ class Progress:
     def _start_bar(self, log_delay: float = 0.0, **settings: Any) -> Any:
         from tqdm import tqdm
 
-        file = self._file or sys.stderr
+        file = self._find_file()
         terminal = file.isatty()
         interval = _TERMINAL_INTERVAL if terminal else _LOG_INTERVAL
         return tqdm(
@@ -148,7 +150,11 @@ class Progress:
         if self._enabled:
             from tqdm import tqdm
 
-            tqdm.write(f"note: {text}", file=self._file or sys.stderr)
+            tqdm.write(f"note: {' '.join(text.splitlines())}", file=self._find_file())
+
+    def _find_file(self) -> Any:
+        self._file = self._file or TerminalStream(sys.stderr)
+        return self._file
 
     def close(self) -> None:
         """Leaves the last state standing on its own line."""

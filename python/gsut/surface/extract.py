@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import CameraMotion, InputError
+from gsut.bounds import check_number
 from gsut.render import render, render_surface, to_uint8
 from gsut.run import check_fits, free_memory
 from gsut.surface.depth_map import DepthMap, list_views
@@ -32,6 +33,13 @@ _NEAR = 0.05  # of the distance: where a mesh takes the place of a depth that it
 _LENS_BYTES = 25  # of a pixel of a lens
 _SAMPLED = 20_000  # points that measure a scene's size
 _BEHIND = 2.0  # voxels that a coloured point may lie behind a view's surface
+
+
+# What each number may be, both ends allowed but for the 0 of lengths.
+_RANGES = (
+    ("voxel", 0, None), ("truncation", 0, None), ("support", 0, _NEIGHBOURS), ("max_side", 1, None),
+    ("parts", 1, None), ("faces", 1, None), ("holes", 0, None), ("fit", 0, None),
+)  # fmt: skip
 
 
 @dataclasses.dataclass(frozen=True)
@@ -71,6 +79,13 @@ class MeshOptions:
     holes: int = 0
     fit: int | None = None
     crop: np.ndarray | None = None
+
+    def __post_init__(self) -> None:
+        """Raises InputError for a number out of its range."""
+        for name, low, high in _RANGES:
+            value, is_length = getattr(self, name), name in ("voxel", "truncation")
+            if value is not None:
+                check_number(value, name, low, high, whole=not is_length, above=is_length)
 
 
 OnProgress = Callable[[str, int, int], None]

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
+from gsut.bounds import FARTHEST, LEAST_SCALE, check_number
 from gsut.compact import find_support
 from gsut.files import refuse_existing
 from gsut.formats import WriteSettings, choose_format, save_gaussians
@@ -21,7 +22,7 @@ _DEFAULT_NAME = "edited.ply"
 
 def locate_ground(shown: ShownGaussians, up: Any) -> dict[str, Any]:
     """Finds the plane that the scene stands on, roughly across `up`: "normal" (3,) and "level"."""
-    normal, level = find_ground(shown.load_all(), parse_direction(up))
+    normal, level = find_ground(shown.load_all(), up)
     return {"normal": normal, "level": level}
 
 
@@ -74,9 +75,7 @@ def save_edited(shown: ShownGaussians, values: dict[str, Any]) -> dict[str, Any]
     choose_format(path)
     refuse_existing(path)
     check_floaters(shown, bool(values.get("clean")))
-    scale = float(values.get("scale") or 1)
-    if not 0 < scale < np.inf:
-        raise InputError(f"lengths cannot be multiplied by {scale}")
+    scale = check_number(values.get("scale") or 1, "scale", LEAST_SCALE, 1 / LEAST_SCALE)
     crop = None if not values.get("crop") else np.array(values["crop"], np.float64).reshape(2, 3)
     whole = shown.load_all()
     kept = whole[shown.select_kept(whole, crop, bool(values.get("clean")))]
@@ -84,19 +83,11 @@ def save_edited(shown: ShownGaussians, values: dict[str, Any]) -> dict[str, Any]
         raise InputError("nothing is left; crop less")
     turn, height = np.eye(3), 0.0
     if values.get("up") is not None:
-        turn = rotate_upright(parse_direction(values["up"]))
-        height = float(values.get("level") or 0)
+        turn = rotate_upright(values["up"])
+        height = check_number(values.get("level") or 0, "level", -FARTHEST, FARTHEST)
     moved = transform_gaussians(kept, turn, scale, scale * np.array([0.0, height, 0.0]))
     written = save_gaussians(path, moved, WriteSettings(antialiased=shown.stage.antialiased))
     return {
         "path": str(path), "num_gaussians": len(moved), "of": len(whole),
         "left_out": list(written.left_out),
     }  # fmt: skip
-
-
-def parse_direction(up: Any) -> np.ndarray:
-    """Parses a direction of the page: (3,) of length 1."""
-    value = np.array(up, np.float64).reshape(3)
-    if not np.isfinite(value).all() or not value.any():
-        raise InputError(f"up must be a direction, found {up}")
-    return value / np.linalg.norm(value)

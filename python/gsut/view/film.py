@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gsut._core import InputError
+from gsut.bounds import check_number
 from gsut.orientation import turn_camera
 from gsut.render import smooth_path, write_video
-from gsut.view.edits import parse_direction
 
 if TYPE_CHECKING:
     from gsut.view.frame_request import FrameRequest
@@ -60,9 +60,9 @@ class Film:
     ) -> None:
         if len(keys) < 2:
             raise InputError("a film needs two keyframes or more")
-        seconds, rate = float(settings.get("seconds", 8)), float(settings.get("rate", 30))
-        if not (0 < seconds <= _MOST_SECONDS and 0 < rate <= _MOST_RATE):
-            raise InputError("a film lasts at most 600 s, at 120 frames a second")
+        seconds, rate = settings.get("seconds", 8), settings.get("rate", 30)
+        seconds = check_number(seconds, "seconds", 0, _MOST_SECONDS, above=True)
+        rate = check_number(rate, "rate", 0, _MOST_RATE, above=True)
         self.ending = str(settings.get("ending", "mp4"))
         if self.ending not in _KINDS:
             raise InputError(f"a film is {', '.join(_KINDS)}, not {self.ending!r}")
@@ -76,7 +76,7 @@ class Film:
             shown,
             count,
             closed=bool(settings.get("closed")),
-            up=parse_direction(settings.get("up") or frames.shown.axes[1]),
+            up=settings.get("up") or frames.shown.axes[1],
         )
         self._poses = turn_camera(path, -turns)
         self._done, self._failure, self._stop = 0, "", threading.Event()

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
+from gsut.bounds import FARTHEST, check_direction, check_number
 from gsut.data.poses import check_rigid
 from gsut.orientation import turn_camera, turn_pixel, turn_size
 from gsut.view.lenses import check_size
@@ -102,12 +103,15 @@ class FrameRequest:
             raise InputError(f"there is no such photograph; there are {num_views}")
         if share not in SHARES:
             raise InputError(f"share must be one of {SHARES}, found {share}")
-        if crop is not None and (crop.shape != (2, 3) or not np.isfinite(crop).all()):
+        if crop is not None and (crop.shape != (2, 3) or not (np.abs(crop) <= FARTHEST).all()):
             raise InputError("crop must be two corners of three numbers")
         if len(marks) > _MOST_MARKS:
             raise InputError(f"at most {_MOST_MARKS} points are marked, found {len(marks)}")
-        if not np.isfinite(marks).all() or (ground is not None and not ground[:3].any()):
-            raise InputError("marks must be finite, and the ground needs a normal")
+        if not (np.abs(marks) <= FARTHEST).all():
+            raise InputError("marks must be finite")
+        if ground is not None:
+            check_direction(ground[:3], "the ground's normal")
+            check_number(ground[3], "the ground's level", -FARTHEST, FARTHEST)
         layers = frozenset(values.get("layers") or ())
         return cls(
             pose, lens, width, height, mode, view, shutter, layers, crop, marks, quality, share,

@@ -5,6 +5,8 @@ from __future__ import annotations
 import base64
 import collections
 import math
+import subprocess
+import sys
 import tempfile
 import threading
 from collections.abc import Sequence
@@ -14,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from gsut import _core
-from gsut._core import CalibrationError, InputError
+from gsut._core import InputError
 from gsut.lens import (
     Camera,
     has_focal_length,
@@ -24,7 +26,7 @@ from gsut.lens import (
     measure_field_of_view,
     with_field_of_view,
 )
-from gsut.lens.files import values_from_camera
+from gsut.lens.files import OWN_SUFFIX, values_from_camera
 
 # Most pixels of one frame: eight times those of a 4k screen half its width.
 MOST_DRAWN = 33_000_000
@@ -34,6 +36,15 @@ _MOST_PIXELS = 12_000_000
 _MOST_SIDE = 65_536
 # Most parameters with a slider: more do not fit the panel.
 _MOST_SLIDERS = 24
+# Seconds for a lens file to be read: a table that a lens is fitted to takes a few.
+_READ_SECONDS = 30
+# Program that reads a lens file and writes its lens in gsut's format, which holds every lens.
+_READER = """import sys
+from gsut.lens import load_camera, save_camera
+try:
+    save_camera(load_camera(sys.argv[1]), sys.argv[2])
+except (ValueError, OSError) as error:
+    sys.exit(str(error))"""
 # Parameters without sliders: a table of them.
 _TABLES = ("control_points",)
 
@@ -128,7 +139,7 @@ class Lenses:
             path = str(Path(str(wanted["path"])).expanduser())
             if not is_lens_name(path) and not Path(path).is_file():
                 raise InputError(f"{path}: no such lens file")
-            lens = load_lens(path)
+            lens = load_lens(path) if is_lens_name(path) else _read_lens_file(Path(path))
         elif wanted.get("name"):
             lens = _read_upload(str(wanted["name"]), str(wanted.get("base64", "")))
         elif wanted.get("model"):
@@ -166,9 +177,33 @@ def _read_upload(name: str, content: str) -> Camera:
         path = Path(folder) / Path(name).name
         path.write_bytes(base64.b64decode(content))
         try:
-            return load_camera(path)
-        except (InputError, CalibrationError) as error:  # the folder's name helps nobody
+            return _read_lens_file(path)
+        except InputError as error:  # the folder's name helps nobody
             raise InputError(str(error).replace(f"{folder}/", "")) from None
+
+
+def _read_lens_file(path: Path) -> Camera:
+    """Reads a lens file in another process: a long text must not slow what others draw here.
+
+    Raises:
+        InputError: it holds no lens, or takes too long.
+    """
+    with tempfile.TemporaryDirectory(prefix="gsut-lens-") as folder:
+        found = Path(folder) / f"found{OWN_SUFFIX}"
+        command = [sys.executable, "-c", _READER, str(path), str(found)]
+        try:
+            done = subprocess.run(
+                command,
+                capture_output=True,
+                encoding="utf-8",
+                errors="replace",
+                timeout=_READ_SECONDS,
+            )
+        except subprocess.TimeoutExpired:
+            raise InputError(f"{path}: reading it takes more than {_READ_SECONDS} s") from None
+        if done.returncode:
+            raise InputError(done.stderr.strip() or f"{path}: cannot be read")
+        return load_camera(found)
 
 
 def _make_example(model: str) -> Camera:

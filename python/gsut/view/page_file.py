@@ -12,8 +12,9 @@ from typing import Any
 import numpy as np
 
 from gsut._core import CameraMotion
-from gsut.files import format_json, write_file
+from gsut.files import write_file
 from gsut.formats import WriteSettings, prepare_for_file, save_gaussians
+from gsut.page import embed_json
 from gsut.view.stage import Stage
 
 # Longer side in pixels of the photographs in the page.
@@ -73,7 +74,7 @@ def _assemble(content: dict[str, Any], scene: bytes) -> str:
     """
     core = (importlib.resources.files("gsut.view") / "exact/core.wasm.gz").read_bytes()
     elements = [
-        _embed("content", "application/json", format_json(content).replace("</", "<\\/")),
+        _embed("content", "application/json", embed_json(content)),
         _embed("scene", "application/octet-stream", base64.b64encode(scene).decode()),
         _embed("core", "application/octet-stream", base64.b64encode(core).decode()),
         *(_embed(key, "text/plain", _read_text(name)) for key, name in _TEXTS.items()),

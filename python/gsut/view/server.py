@@ -6,14 +6,16 @@ import contextlib
 import dataclasses
 import http.server
 import importlib.resources
+import io
 import ipaddress
 import json
 import secrets
 import socket
 import threading
+import time
 from collections.abc import Callable
 from typing import Any
-from urllib.parse import parse_qsl, urlsplit
+from urllib.parse import parse_qsl
 
 from gsut._core import CalibrationError, InputError, SolveError
 from gsut.files import format_json
@@ -24,8 +26,14 @@ LOOPBACK = "127.0.0.1"
 _MOST_BYTES = 8 << 20
 # Bytes of a request above which one is parsed at a time: parsed JSON takes up to 30 times its text.
 _LARGE_BYTES = 64 << 10
-# Clients that may wait to be answered, twice what a busy classroom opens at once.
-_MOST_WAITING = 256
+# Bytes of a request's first line and headers, several times what browsers send.
+_MOST_HEAD = 16 << 10
+# Seconds for the head of a connection's first request, until whose token nobody is trusted.
+_HEAD_SECONDS = 10.0
+# Seconds between two requests of the page, for a request's body, and for its answer.
+_PAGE_SECONDS = 60.0
+# Connections at once, twice what a busy classroom opens: each has a thread.
+_MOST_OPEN = 256
 # Media type of each of the page's files.
 _KINDS = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
 # Names of the page's files, without their endings.
@@ -105,23 +113,89 @@ class ViewServer:
 class _Server(http.server.ThreadingHTTPServer):
     daemon_threads = True
     block_on_close = False
-    request_queue_size = _MOST_WAITING
+    request_queue_size = _MOST_OPEN
+
+    def __init__(self, *args: Any) -> None:
+        self._places = threading.BoundedSemaphore(_MOST_OPEN)
+        super().__init__(*args)
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """Answers a connection in a thread of its own; closes it if all places are taken."""
+        if self._places.acquire(blocking=False):
+            super().process_request(request, client_address)
+        else:
+            self.shutdown_request(request)
+
+    def process_request_thread(self, request: Any, client_address: Any) -> None:
+        """Answers a connection, and gives its place back."""
+        with contextlib.ExitStack() as stack:
+            stack.callback(self._places.release)
+            super().process_request_thread(request, client_address)
 
     def handle_error(self, *_: object) -> None:
         """Ignores a browser that leaves in the middle of a frame."""
 
 
+class _TooLong(Exception):
+    """A request sends more than it may."""
+
+
+class _Inflow(io.RawIOBase):
+    """What a connection sends, a part at a time, each bounded in bytes and in seconds."""
+
+    def __init__(self, connection: socket.socket) -> None:
+        self._connection, self._left, self._end = connection, 0, 0.0
+
+    def allow(self, count: int, seconds: float) -> None:
+        """Begins a part of at most `count` bytes that takes no more than `seconds`."""
+        self._left, self._end = count, time.monotonic() + seconds
+
+    def is_open_to_read(self) -> bool:
+        """Returns True: it is read, never written."""
+        return True
+
+    def read_part(self, buffer: Any) -> int:
+        """Reads into a buffer as much as there is of the part."""
+        if not self._left:
+            raise _TooLong
+        left = self._end - time.monotonic()
+        if left <= 0:
+            raise TimeoutError
+        self._connection.settimeout(left)
+        count = self._connection.recv_into(memoryview(buffer)[: self._left])
+        self._left -= count
+        return count
+
+    readable, readinto = is_open_to_read, read_part  # as `io` calls them
+
+
 class _Handler(http.server.BaseHTTPRequestHandler):
     protocol_version = "HTTP/1.1"  # one connection for all frames
     disable_nagle_algorithm = True
-    timeout = 60.0  # seconds without a byte, after which a connection is closed
     routes: dict[str, Route] = {}  # noqa: RUF012  # of the server's own subclass
     token, host, port = "", LOOPBACK, 0
     parsing = threading.Lock()
+    admitted = False  # the connection has sent the token
+
+    def handle(self) -> None:
+        """Answers a connection's requests, of which the standard library reads bounded parts."""
+        self.inflow = _Inflow(self.connection)
+        self.rfile.close()
+        self.rfile = io.BufferedReader(self.inflow)
+        super().handle()
+
+    def handle_one_request(self) -> None:
+        """Reads and answers a request; a connection ends at one that is too long or too slow."""
+        self.inflow.allow(_MOST_HEAD, _PAGE_SECONDS if self.admitted else _HEAD_SECONDS)
+        try:
+            super().handle_one_request()
+        except _TooLong:
+            self.requestline, self.request_version, self.command = "", self.protocol_version, ""
+            self._refuse(431, f"a request has at most {_MOST_HEAD >> 10} KiB of headers")
 
     def do_GET(self) -> None:
         if self._is_admitted():
-            self._answer(dict(parse_qsl(urlsplit(self.path).query)))
+            self._send(*self._reply(dict(parse_qsl(self.path.partition("?")[2]))))
 
     def do_POST(self) -> None:
         if not self._is_admitted():
@@ -131,6 +205,7 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         length = self.headers.get("Content-Length") or "0"
         if not (length.isdecimal() and len(length) < 20 and int(length) <= _MOST_BYTES):
             return self._refuse(413, f"more than {_MOST_BYTES >> 20} MiB at once are not taken")
+        self.inflow.allow(max(int(length), 1), _PAGE_SECONDS)
         text = self.rfile.read(int(length)) or b"{}"
         with self.parsing if len(text) > _LARGE_BYTES else contextlib.nullcontext():
             try:
@@ -138,11 +213,12 @@ class _Handler(http.server.BaseHTTPRequestHandler):
                 assert isinstance(values, dict)
             except (ValueError, AssertionError, RecursionError):
                 return self._refuse(400, "the request is not a JSON object")
-            self._answer(values)
+            answer = self._reply(values)
+        self._send(*answer)
 
     def _is_admitted(self) -> bool:
         """Returns whether the request may be read; otherwise refuses it, before its body."""
-        token = [*urlsplit(self.path).path.split("/"), ""][1]
+        token = self._split_path()[0]
         host, origin = self.headers.get("Host", ""), self.headers.get("Origin")
         if not secrets.compare_digest(token.encode(), self.token.encode()):
             self._refuse(403, "wrong token: open the address that gsut view printed")
@@ -152,14 +228,17 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         elif origin is not None and origin != f"http://{host}":
             self._refuse(403, f"gsut view does not answer pages of {origin!r}")
         else:
+            self.admitted = True
             return True
         return False
 
-    def _answer(self, values: dict[str, Any]) -> None:
-        self._send(*self._reply([*urlsplit(self.path).path.split("/"), ""][2], values))
+    def _split_path(self) -> list[str]:
+        """Returns the token and the route that the address names, "" where it names none."""
+        return [*self.path.partition("?")[0].split("/"), "", ""][1:3]
 
-    def _reply(self, name: str, values: dict[str, Any]) -> tuple[int, Reply]:
+    def _reply(self, values: dict[str, Any]) -> tuple[int, Reply]:
         """Returns the status and the route's answer; every failure becomes a sentence."""
+        name = self._split_path()[1]
         try:
             if name in self.routes:
                 return 200, self.routes[name](values)
@@ -168,8 +247,10 @@ class _Handler(http.server.BaseHTTPRequestHandler):
             return 404, _make_error(f"there is no {name!r} here")
         except (InputError, CalibrationError, SolveError) as error:
             return 400, _make_error(" ".join(str(error).split()))
-        except (LookupError, TypeError, ValueError, OverflowError) as error:
+        except (LookupError, TypeError, ValueError, ArithmeticError) as error:
             return 400, _make_error(f"{name}: the request is incomplete: {error!r}")
+        except OSError as error:
+            return 400, _make_error(f"{name}: {error.strerror or error}")
         except Exception as error:
             return 500, _make_error(f"{name} failed: {error!r}")
 
@@ -180,6 +261,7 @@ class _Handler(http.server.BaseHTTPRequestHandler):
 
     def _send(self, status: int, reply: Reply) -> None:
         content, kind = reply.content, reply.kind
+        self.connection.settimeout(_PAGE_SECONDS)
         if not kind:
             content, kind = format_json(content).encode(), "application/json"
         self.send_response(status)

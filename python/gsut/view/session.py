@@ -13,6 +13,7 @@ from gsut import _core
 from gsut._core import InputError
 from gsut.data import Scene
 from gsut.data.images import shrink_image, shrink_mask
+from gsut.data.poses import check_rigid
 from gsut.data.scene import count_lens_turns, find_upright_poses
 from gsut.files import format_json
 from gsut.lens import camera_models
@@ -77,7 +78,7 @@ class Session:
         self._draw: Drawing = drawing or AtOnce()
         self._training = training
         self._film: Film | None = None
-        self._lock = threading.Lock()
+        self._checking, self._searching = threading.Lock(), threading.Lock()
         self._decoding = threading.BoundedSemaphore(_MOST_DECODING)
         self._photographs_done = 0  # photographs, for floaters
 
@@ -216,7 +217,7 @@ class Session:
         """Returns the doctor's findings on a dataset, which are made at the first request."""
         from gsut.check import diagnose
 
-        with self._lock:
+        with self._checking:
             if self.stage.kind == "data" and not self.stage.findings:
                 assert self.stage.scene is not None
                 self.stage.findings = diagnose(self.stage.scene.path, progress=False)
@@ -232,7 +233,7 @@ class Session:
         progress."""
         if values.get("far"):
             return Reply({"done": self._photographs_done})
-        with self._lock:
+        with self._searching:
             return Reply(
                 find_floaters(self.shown, lambda done: setattr(self, "_photographs_done", done))
             )
@@ -255,6 +256,7 @@ class Session:
         return np.zeros(3) if self.stage.scene is None else self.stage.scene.world_offset
 
     def _move_to_dataset(self, pose: Any, turns: int) -> np.ndarray:
+        check_rigid(np.reshape(pose, (4, 4)), "a pose")
         matrix = turn_camera(np.array(pose, np.float64).reshape(4, 4), -turns)
         return matrix if self.stage.scene is None else self.stage.scene.to_dataset(matrix)
 

@@ -50,7 +50,7 @@ BAD_FILES = [
     ("a.yaml", OPENCV + "fisheye: 1\n", "a fisheye has 4 coefficients, found 0"),
     ("a.yaml", OPENCV[:-10], "not YAML"),
     ("a.yaml", "x: 1\n", "holds none of cameras .*camera_matrix"),
-    ("a.json", '{"fl_x": 1,', "line 1: not JSON"),
+    ("a.json", '{"fl_x": 1,', "not valid JSON at line 1"),
     ("a.json", '{\n"w": 1,\n"h": 1,\n"fl_x": "no"}', "line 4, key 'fl_x'"),
     ("cameras.txt", "# nothing\n", "holds no camera"),
     ("cameras.txt", "1 PINHOLE 10 x 1 1 1 1\n", "line 1: "),

@@ -55,7 +55,7 @@ def test_save_writes_what_is_shown_turned_and_scaled(session, gaussians, tmp_pat
         ({"name": "../a.ply"}, "without folders"),
         ({"name": "a.obj"}, "no format to write"),
         ({"name": "a.ply", "crop": [[8, 8, 8], [9, 9, 9]]}, "nothing is left"),
-        ({"name": "a.ply", "scale": -1}, "cannot be multiplied"),
+        ({"name": "a.ply", "scale": -1}, "scale takes a number from 1e-12"),
         ({"name": "a.ply", "up": [0, 0, 0]}, "must be a direction"),
     ],
 )

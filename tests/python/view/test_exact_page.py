@@ -189,6 +189,16 @@ def test_damaged_page_says_what_is_wrong(window, tmp_path, scene, gaussians, par
     assert window.run("return document.body.classList.contains('narrow');")  # no dead controls
 
 
+def test_page_of_photographs_with_hostile_names_shows_them(window, tmp_path, scene, gaussians):
+    name = "x<!--<script></script><script>window.hit=1</script>\u202e.png"
+    named = scene.replace(views=[dataclasses.replace(view, name=name) for view in scene.views])
+    write_and_open(window, tmp_path, Stage(name, "run", gaussians, named))
+    assert window.run("return [scene.name, scene.views[0].name, window.hit ?? null];") == [
+        name, name, None,
+    ]  # fmt: skip
+    assert name in window.run("return document.body.textContent;")
+
+
 def test_page_of_another_scene_is_refused(window, tmp_path, scene, gaussians):
     page = tmp_path / "page.html"
     Session(Stage("small", "run", gaussians, scene)).write_page(page, 1)

@@ -10,7 +10,7 @@ import numpy as np
 
 from gsut.data.colmap.records import ImageRow
 from gsut.data.errors import DatasetError
-from gsut.data.text_files import read_bytes
+from gsut.files import read_bytes
 
 _COUNT = struct.Struct("<Q")
 _IMAGE = struct.Struct("<I4d3dI")  # id, quaternion, translation, camera id; then the name and a 0

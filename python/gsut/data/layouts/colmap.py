@@ -26,8 +26,7 @@ from gsut.data.images import find_mask
 from gsut.data.layouts._layout import Layout
 from gsut.data.listing import Frame, Listing
 from gsut.data.poses import invert_pose, pose_from_quaternion
-from gsut.data.text_files import read_bytes, read_text
-from gsut.files import write_file
+from gsut.files import read_bytes, read_text, write_file
 from gsut.lens import Camera
 from gsut.lens.files import camera_from_colmap, list_binary_cameras, list_text_cameras
 

@@ -28,7 +28,7 @@ from gsut.data.layouts.folder import DESCRIPTION, POINT_FILES, find_images
 from gsut.data.poses import UNITS
 from gsut.data.recordings import Recording, find_stream
 from gsut.data.rigs import read_mounts
-from gsut.data.text_files import read_text, read_yaml
+from gsut.files import read_text, read_yaml
 
 _PATHS = ("images", "lens", "poses", "points", "masks")
 KEYS = (

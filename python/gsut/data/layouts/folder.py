@@ -22,7 +22,7 @@ from gsut.data.images import IMAGE_SUFFIXES
 from gsut.data.layouts._layout import Layout
 from gsut.data.recordings import MASK, Recording, Stream, find_stream, list_pictures
 from gsut.data.rigs import is_rig_file, read_mounts
-from gsut.data.text_files import read_yaml
+from gsut.files import read_yaml
 from gsut.lens import Camera, load_camera
 
 DESCRIPTION = "dataset.yaml"

@@ -22,8 +22,8 @@ from gsut.data.layouts._layout import Layout
 from gsut.data.layouts.colmap import find_model, read_points
 from gsut.data.listing import Frame, Listing
 from gsut.data.poses import NANOSECONDS, OPENGL_FROM_OPENCV, average_poses, check_rigid
-from gsut.data.text_files import read_json
 from gsut.data.write_nerfstudio import write_transforms
+from gsut.files import read_json
 from gsut.lens import Camera
 from gsut.lens.files import camera_from_nerfstudio, merge_frame_lens
 

@@ -28,7 +28,7 @@ from gsut.data.layouts.folder import POINT_FILES, find_lens_file
 from gsut.data.poses import check_rigid
 from gsut.data.recordings import MASK, Recording, Stream, find_stream, list_pictures
 from gsut.data.rigs import BODY, Mount, parse_matrix, read_mounts
-from gsut.data.text_files import read_rows, read_text, read_yaml
+from gsut.files import read_rows, read_text, read_yaml
 from gsut.lens import Camera
 
 _PIXEL_SHIFT = 0.5  # KITTI's pixel (0, 0) is gsut's (0.5, 0.5)

@@ -7,7 +7,7 @@ import os
 import numpy as np
 
 from gsut import _core
-from gsut.data.poses import FARTHEST
+from gsut.bounds import FARTHEST
 
 NO_COLOR = 128  # of points without one
 _AXES = ("x", "y", "z")

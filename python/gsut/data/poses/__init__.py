@@ -12,7 +12,6 @@ from gsut.data.poses.times import (
 )
 from gsut.data.poses.trajectory import Trajectory, format_tum, read_trajectory
 from gsut.data.poses.transforms import (
-    FARTHEST,
     OPENGL_FROM_OPENCV,
     average_poses,
     check_rigid,
@@ -23,7 +22,6 @@ from gsut.data.poses.transforms import (
 )
 
 __all__ = [
-    "FARTHEST",
     "NANOSECONDS",
     "OPENGL_FROM_OPENCV",
     "UNITS",

@@ -14,7 +14,7 @@ from gsut._core import InputError
 from gsut.data.errors import DatasetError, OnError
 from gsut.data.poses.times import is_time
 from gsut.data.poses.transforms import check_rigid, pose_from_quaternion
-from gsut.data.text_files import read_json, read_text
+from gsut.files import read_json, read_text
 from gsut.gaussians import quaternion_from_rotation
 
 _TUM = 8  # fields of a line: label, position, quaternion

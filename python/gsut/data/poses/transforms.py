@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gsut._core import interpolate_pose
+from gsut.bounds import FARTHEST
 from gsut.data.errors import DatasetError
 
 # Largest entry of R^T R - I. Files with 4 decimals reach 2e-4, a real scale or shear is far above.
 ROTATION_TOLERANCE = 1e-3
-FARTHEST = 1e12  # a coordinate in any unit: the Earth is 1e10 millimetres wide
 # OpenGL's camera (x right, y up, z backward) against OpenCV's (x right, y down, z forward).
 OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 

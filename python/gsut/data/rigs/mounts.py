@@ -12,8 +12,7 @@ import numpy as np
 from gsut.data.errors import DatasetError
 from gsut.data.poses import NANOSECONDS, check_rigid, invert_pose
 from gsut.data.rigs.rig import read_camchain, read_rig
-from gsut.data.text_files import read_json, read_yaml
-from gsut.files import check_regular
+from gsut.files import check_regular, read_json, read_yaml
 from gsut.lens import Camera, load_camera
 from gsut.lens.files import is_camchain
 

@@ -14,8 +14,7 @@ import numpy as np
 from gsut._core import CalibrationError, InputError, Shutter
 from gsut.data.errors import DatasetError
 from gsut.data.poses import check_rigid, find_centers, invert_pose
-from gsut.data.text_files import read_yaml
-from gsut.files import check_regular, write_file
+from gsut.files import check_regular, read_yaml, write_file
 from gsut.lens import Camera, load_camera, spread_pixels
 from gsut.lens.files import is_camchain
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 import dataclasses
 import functools
 import importlib
-import json
 import pkgutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from gsut._core import CalibrationError
-from gsut.files import parse_yaml
+from gsut.files import decode_text, parse_json, parse_yaml
 from gsut.lens.camera import Camera
 
 KEYED = (".json", ".yaml", ".yml")  # suffixes of files of keys and values
@@ -35,22 +34,13 @@ class LensFile:
     @functools.cached_property
     def text(self) -> str:
         """The content as text; raises CalibrationError if it is not UTF-8."""
-        try:
-            return self.data.decode("utf-8")
-        except UnicodeDecodeError as error:
-            raise CalibrationError(
-                f"{self.source}: is not text ({error}); give a lens file"
-            ) from error
+        return decode_text(self.data, self.source, fails=make_lens_error)
 
     @functools.cached_property
     def values(self) -> dict[str, Any]:
         """The keys and values of a JSON or YAML file; raises CalibrationError for any other."""
-        is_json = self.path.suffix.lower() == ".json"
-        values = (_parse_json if is_json else _parse_yaml)(self.text, self.source)
-        if not isinstance(values, dict):
-            found = type(values).__name__
-            raise CalibrationError(f"{self.source}: expected keys with values, found {found}")
-        return values
+        parse = parse_json if self.path.suffix.lower() == ".json" else parse_yaml
+        return parse(self.text, self.source, dict, fails=make_lens_error)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -95,14 +85,6 @@ def list_formats() -> tuple[LensFormat, ...]:
     return tuple(sorted(found, key=lambda each: (each.rank, each.name)))
 
 
-def _parse_json(text: str, source: str) -> Any:
-    try:
-        return json.loads(text)
-    except json.JSONDecodeError as error:
-        raise CalibrationError(
-            f"{source}, line {error.lineno}: not JSON ({error.msg}); is the file cut off?"
-        ) from error
-
-
-def _parse_yaml(text: str, source: str) -> Any:
-    return parse_yaml(text, lambda at, what: CalibrationError(f"{source}{at}: not YAML ({what})"))
+def make_lens_error(where: object, what: str, advice: str) -> CalibrationError:
+    """Makes the error of a lens file, as `FileError` does."""
+    return CalibrationError(f"{where}: {what}; {advice}")

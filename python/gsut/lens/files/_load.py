@@ -7,11 +7,13 @@ import os
 from pathlib import Path
 
 from gsut._core import CalibrationError, InputError
-from gsut.files import check_regular, reading, write_file
+from gsut.files import read_bytes, reading, write_file
 from gsut.lens.camera import Camera
-from gsut.lens.files._format import LensFile, LensFormat, list_formats
+from gsut.lens.files._format import LensFile, LensFormat, list_formats, make_lens_error
 
 _Path = str | os.PathLike[str]
+_MOST_BYTES = 256 << 20  # of a lens file; tables of rays are the largest
+_ADVICE = "is it a lens file, and whole?"
 
 
 def load_camera(path: _Path, camera_id: int | str | None = None) -> Camera:
@@ -42,8 +44,8 @@ def load_camera(path: _Path, camera_id: int | str | None = None) -> Camera:
         OSError: the file cannot be read.
     """
     source, place = str(path), Path(path)
-    with reading(lambda what: CalibrationError(f"{source}: {what}; is it a lens file, and whole?")):
-        file = LensFile(place, source, check_regular(place).read_bytes())
+    file = LensFile(place, source, read_bytes(place, _MOST_BYTES))
+    with reading(source, _ADVICE, make_lens_error):
         return _find_format(file).read(file, camera_id)
 
 

@@ -2,7 +2,6 @@
 
 from gsut.run.options.blocks import MOST_BLOCKS, BlockOptions
 from gsut.run.options.fields import (
-    MOST_WHOLE,
     check_options,
     define_option,
     describe_options,
@@ -32,7 +31,6 @@ __all__ = [
     "AUTO",
     "FLAT_PRIMITIVES",
     "MOST_BLOCKS",
-    "MOST_WHOLE",
     "PRESETS",
     "READOUTS",
     "BlockOptions",

@@ -12,10 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from gsut._core import InputError
+from gsut.bounds import MOST_WHOLE
 
 _UNITS = {"B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9}
-# Largest whole number of options without a limit of their own: they become 32-bit integers.
-MOST_WHOLE = 2**31 - 1
 
 
 @dataclasses.dataclass(frozen=True)

@@ -16,7 +16,7 @@ from gsut.data import Frame, list_some, write_transforms
 from gsut.data.colmap import ColmapImage, ColmapModel, format_model_texts
 from gsut.data.points import format_points_ply
 from gsut.data.poses import invert_pose
-from gsut.files import check_shape, reading, write_file
+from gsut.files import read_json, write_file
 from gsut.run import Verdict
 from gsut.sfm.lens import compare_lens
 from gsut.sfm.mapping import Mapping
@@ -237,10 +237,7 @@ def read_figures(out: Path) -> dict[str, Any]:
     """
     path = out / FIGURES
     advice = "it is damaged: remove it, and the same command finds the poses again"
-    with reading(lambda what: InputError(f"{path}: {what}; {advice}")):
-        values = json.loads(path.read_text(encoding="utf-8"))
-        check_shape(values, _SHAPE)
-        return values
+    return read_json(path, _SHAPE, advice=advice)
 
 
 def is_finished(out: Path) -> bool:

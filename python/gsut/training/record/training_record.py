@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from gsut._core import InputError, num_threads
+from gsut._core import num_threads
 from gsut.data import Scene
 from gsut.data.scene import digest_scene
 from gsut.evaluate import mean_psnr
@@ -28,6 +28,10 @@ _CURVE_VIEWS = 4
 _EVAL_EVERY_LEAST = 100
 # Seconds after which a checkpoint is due, whatever the step: the most that an interruption costs.
 _CHECKPOINT_SECONDS = 60.0
+
+_OTHER_CHECKPOINT = (
+    "it is of another training or version: remove it, and --resume begins at the first step"
+)
 
 
 class TrainingRecord:
@@ -87,7 +91,8 @@ class TrainingRecord:
         """Restores the loop from the checkpoint, shows a bar during the block, and saves at its
         end, the scene too."""
         if self.checkpoint is not None:
-            with reading(self._explain_checkpoint):
+            path = self.run and self.run.path / RunFile.CHECKPOINT
+            with reading(path, _OTHER_CHECKPOINT):
                 loop.load_state_dict(self.checkpoint)
         o = loop.options
         self._time = Pace(loop.recipe, o.steps, len(loop.gaussians), o.max_gaussians, loop.step)
@@ -107,13 +112,6 @@ class TrainingRecord:
             f"{o.steps - loop.step:,} steps of {size} pixels with up to "
             f"{loop.options.max_gaussians:,} Gaussians on {threads} "
             f"processor{'s' if threads > 1 else ''}"
-        )
-
-    def _explain_checkpoint(self, what: str) -> InputError:
-        path = self.run and self.run.path / RunFile.CHECKPOINT
-        return InputError(
-            f"{path}: {what}; it is of another training or version: remove it, and --resume begins "
-            "at the first step"
         )
 
     def add(self, loop: TrainingLoop, loss: float) -> None:

@@ -1,0 +1,124 @@
+"""Opens files for reading: regular ones only, of a size that the reader expects."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import importlib.resources
+import io
+import os
+import stat
+from collections.abc import Iterator
+from pathlib import Path
+from typing import BinaryIO
+
+from gsut.files.errors import Fails, FileError, MissingFileError, OpenError, reading
+
+PathLike = str | os.PathLike[str]
+MOST_BYTES = 8 << 30  # of a file that is read as a whole: pictures, scenes, states
+MOST_TEXT = 1 << 30  # bytes of a file of text
+_CHECK_PATH = "check the path"
+_UTF16 = (b"\xff\xfe", b"\xfe\xff")  # how UTF-16 text starts
+
+
+def check_regular(path: PathLike) -> Path:
+    """Returns the path of a file to read unless it is a pipe or a device, which may never end.
+
+    For libraries that open files themselves; all others use `open_binary`.
+
+    Raises:
+        OpenError: it does, or it leads to a folder or to nothing.
+    """
+    try:
+        if b"\0" in os.fsencode(path):  # a name that no file has
+            raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
+        mode = os.stat(path).st_mode
+        if stat.S_ISDIR(mode):
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+        if not stat.S_ISREG(mode):
+            raise OSError(errno.EINVAL, "a pipe or a device, not a file")
+        if not os.access(path, os.R_OK):
+            raise PermissionError(errno.EACCES, os.strerror(errno.EACCES))
+    except OSError as error:
+        raise _make_open_error(path, error) from None
+    return Path(path)
+
+
+def _make_open_error(path: PathLike, error: OSError) -> OpenError:
+    kind = MissingFileError if isinstance(error, FileNotFoundError) else OpenError
+    made = kind(os.fspath(path), f"cannot be opened ({error.strerror or error})", _CHECK_PATH)
+    made.errno, made.strerror = error.errno, error.strerror
+    return made
+
+
+@contextlib.contextmanager
+def open_binary(
+    path: PathLike, *, most_bytes: int | None = None, fails: Fails = FileError
+) -> Iterator[BinaryIO]:
+    """Opens a file for reading; every failure within the block names it.
+
+    Raises:
+        FileError: it cannot be opened, is a folder, a pipe or a device, has more bytes than
+            `most_bytes`, or what is done with it in the block fails.
+    """
+    with reading(path, fails=fails):
+        check_regular(path)
+        try:
+            file = open(path, "rb")  # noqa: SIM115  # closed below
+        except OSError as error:
+            raise _make_open_error(path, error) from None
+        with file:
+            if most_bytes is not None:
+                _check_size(path, os.fstat(file.fileno()).st_size, most_bytes)
+            yield file
+
+
+def _check_size(path: PathLike, size: int, most: int) -> None:
+    if size > most:
+        raise FileError(
+            path, f"has {size:,} bytes, and such a file has at most {most:,}", "is it another file?"
+        )
+
+
+@contextlib.contextmanager
+def open_text(path: PathLike, *, fails: Fails = FileError) -> Iterator[io.TextIOWrapper]:
+    """Opens a file of UTF-8 text to be read line by line, see `open_binary`."""
+    with open_binary(path, fails=fails) as file, reading(path, "save the file as UTF-8", fails):
+        yield io.TextIOWrapper(file, encoding="utf-8-sig")
+
+
+def read_bytes(path: PathLike, most_bytes: int = MOST_BYTES, *, fails: Fails = FileError) -> bytes:
+    """Reads the bytes of a file, see `open_binary`."""
+    with open_binary(path, most_bytes=most_bytes, fails=fails) as file:
+        content = file.read(most_bytes + 1)  # one that grows, or of no stated size, as in /proc
+        _check_size(path, len(content), most_bytes)
+    return content
+
+
+def read_text(path: PathLike, most_bytes: int = MOST_TEXT, *, fails: Fails = FileError) -> str:
+    """Reads UTF-8 text, with or without a byte order mark, see `open_binary`.
+
+    Raises:
+        FileError: the same, or it is not UTF-8 text.
+    """
+    return decode_text(read_bytes(path, most_bytes, fails=fails), path, fails=fails)
+
+
+def decode_text(content: bytes, where: object, *, fails: Fails = FileError) -> str:
+    """Decodes UTF-8 text, with or without a byte order mark; line ends become line feeds.
+
+    Raises:
+        FileError: names the first byte that is not UTF-8.
+    """
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        is_utf16 = content.startswith(_UTF16) and len(content) % 2 == 0
+        what = "is UTF-16 text" if is_utf16 else f"is not text (byte {error.start} is not UTF-8)"
+        raise fails(where, what, "save the file as UTF-8") from error
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def read_package_file(package: str, name: str) -> bytes:
+    """Reads a file that is part of this program, beside the modules of `package`."""
+    return importlib.resources.files(package).joinpath(name).read_bytes()
