@@ -1,3 +1,4 @@
+// Calls of Eigen that take it seconds to compile.
 #include "gsut/sfm/dense.h"
 
 #include <Eigen/Cholesky>
