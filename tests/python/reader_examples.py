@@ -33,7 +33,6 @@ from gsut.data.poses.trajectory import read_trajectory
 from gsut.data.rigs import read_rig
 from gsut.data.scene.maps import _load_numbers
 from gsut.lens import spread_pixels
-from gsut.lens.uncertainty import load_uncertainty, save_uncertainty
 from gsut.lifting.lifted import Lifted
 from gsut.lifting.map_folder import read_map
 from gsut.render.confidence import Confidence
@@ -85,11 +84,6 @@ def write_by(name: str, write: Callable[[Path], Any], read: Callable[[Path], Any
 
 def write_picture(file: Path) -> None:
     cv2.imwrite(str(file), np.random.default_rng(1).integers(0, 255, (20, 30, 3), np.uint8))
-
-
-def write_sigma(file: Path) -> None:
-    gsut.save_camera(LENS, file.with_name("a.lens.json"))
-    save_uncertainty(file.with_name("a.lens.json"), np.full((6, 8), 0.25))
 
 
 def make_confidence() -> Confidence:
@@ -212,10 +206,6 @@ EXAMPLES: dict[str, Make] = {
     ),
     "transforms of nerfstudio's trainings": write_values(
         "dataparser_transforms.json", {"transform": POSE[:3], "scale": 0.5}, _read_undo
-    ),
-    "uncertainty of a lens": write_by(
-        "a.lens.uncertainty.json", write_sigma,
-        lambda file: load_uncertainty(file.with_name("a.lens.json")),
     ),
     "what was lifted": write_by(
         "l.npz",
