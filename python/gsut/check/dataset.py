@@ -17,7 +17,7 @@ from gsut.check.memory import check_memory
 from gsut.check.photographs import check_closely, check_photographs
 from gsut.check.points import check_points_frame
 from gsut.data import Scene, assemble, load_dataset, read_dataset
-from gsut.data.scene import TEST_EVERY
+from gsut.data.scene import TEST_EVERY, find_bad_maps
 
 _COLOR_VIEWS = 5  # views whose colours the quick check compares: enough for a median
 
@@ -108,6 +108,10 @@ def _diagnose_scene(scene: Scene, progress: bool) -> list[Finding]:
         *check_poses(scene),
         *check_points(scene),
         *check_images(scene, progress=progress),
+        *(
+            Finding("warning", where, str(error), "training with --surface stops there")
+            for error in find_bad_maps(scene)
+        ),
         *check_colors(scene, progress=progress),
     ]
 

@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
+import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from gsut._core import InputError
 from gsut.bounds import check_number
-from gsut.files import format_json
+from gsut.files import WriteError, format_json, write_json
 from gsut.terminal import say
+
+if TYPE_CHECKING:
+    from gsut.run import RunFolder
 
 # Of pictures, films, scenes and tables: nobody means a folder by such a name.
 FILE_SUFFIXES = frozenset(
@@ -59,11 +65,47 @@ def check_first(scene: Any, force: bool, quiet: bool = False, matches: Any = Non
     from gsut.check import check_scene, stop_at_errors
 
     findings = check_scene(scene, matches)
+    _say_findings(findings, quiet)
+    stop_at_errors(findings, force)
+    return findings
+
+
+def show_findings(scene: Any, run: RunFolder | None, quiet: bool = False) -> None:
+    """Prints what the doctor says of a trained scene, where poses or lens make the result worse.
+
+    Args:
+        scene: whose poses and lenses are trusted.
+        run: that trained it, and keeps the findings; None: they are made now.
+        quiet: print nothing.
+    """
+    from gsut.check import Finding, check_scene
+    from gsut.run import RunFile
+
+    if quiet:
+        return
+    kept = None if run is None else run.read_json(RunFile.FINDINGS)
+    if kept is not None:
+        findings = [Finding(**each) for each in kept["findings"]]
+    else:
+        findings = check_scene(scene)
+        if run is not None:
+            with contextlib.suppress(WriteError):  # a run that is read only
+                keep_findings(run, findings)
+    _say_findings(findings)
+
+
+def keep_findings(run: RunFolder, findings: Sequence[Any]) -> None:
+    """Writes what the doctor says of a run's data."""
+    from gsut.run import RunFile
+
+    rows = [dataclasses.asdict(each) for each in findings if each.severity != "info"]
+    write_json(run.path / RunFile.FINDINGS, {"findings": rows})
+
+
+def _say_findings(findings: Sequence[Any], quiet: bool = False) -> None:
     for finding in findings:
         if not quiet and finding.severity != "info":
             say(str(finding))
-    stop_at_errors(findings, force)
-    return findings
 
 
 def add_capture(parser: argparse.ArgumentParser) -> None:

@@ -14,6 +14,7 @@ from gsut.cli._flags import (
     add_run,
     print_json,
     read_folder_name,
+    show_findings,
 )
 from gsut.files import whole_folder
 from gsut.terminal import say
@@ -69,6 +70,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     run = RunFolder.open(arguments.folder)
     options, trained_on, gaussians = open_trained(run, None)
+    show_findings(trained_on, run)
     scene = trained_on
     if arguments.scale is not None:
         scene = read_scene(run, None, arguments.scale)[1]

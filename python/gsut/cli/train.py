@@ -6,7 +6,6 @@ import argparse
 import concurrent.futures
 import dataclasses
 import importlib
-from collections.abc import Sequence
 from typing import Any
 
 from gsut._core import InputError
@@ -15,6 +14,7 @@ from gsut.cli._flags import (
     add_json,
     add_quiet,
     check_first,
+    keep_findings,
     print_json,
     read_folder_name,
 )
@@ -143,8 +143,8 @@ def train_into(
         for note in filter(None, (*scene.notes, describe_resizing(scene, options), colors)):
             say(f"note: {note}")
     if not (resume and run.has_run()):
-        findings = check_first(scene, force, quiet, _match_neighbours(scene))
-        keep_accusation(run, findings)
+        (run.path / RunFile.FINDINGS).unlink(missing_ok=True)
+        keep_findings(run, check_first(scene, force, quiet, _match_neighbours(scene)))
     elif run.is_finished() and not quiet:
         say(f"note: {run.path} is finished; nothing in it changes")
     try:
@@ -170,14 +170,6 @@ def train_into(
         scene_kept = f"{interrupt}; " if str(interrupt) else scene_kept
         raise KeyboardInterrupt(f"interrupted; {scene_kept}to {how}, run: {again}") from None
     return run.read_json(RunFile.METRICS)
-
-
-def keep_accusation(run: RunFolder, findings: Sequence[Any]) -> None:
-    """Writes check.json: the first finding against poses or lens, if all are against one."""
-    against = [each for each in findings if each.subject]
-    (run.path / RunFile.CHECK).unlink(missing_ok=True)
-    if len({each.subject for each in against}) == 1:
-        run.write_json(RunFile.CHECK, dataclasses.asdict(against[0]))
 
 
 def _match_neighbours(scene: Any) -> Any:

@@ -176,7 +176,9 @@ def write_findings(
     if refined is not None:
         metrics["notes"] += _list_refinement_notes(metrics)
         write_refined(run, refined)
-    accused = run.read_json(RunFile.CHECK)
+    found = (run.read_json(RunFile.FINDINGS) or {}).get("findings", [])
+    against = [each for each in found if each["subject"]]
+    accused = against[0] if len({each["subject"] for each in against}) == 1 else None
     verdict = judge_training(metrics, str(data), str(run.path), options, division, accused)
     metrics["verdict"] = verdict.as_dict()
     run.write_json("metrics.json", metrics)
