@@ -15,10 +15,9 @@ from gsut.capture.facts import PhotographFacts, Place
 from gsut.capture.focal import FocalStatement, find_focal_prior
 from gsut.capture.xmp import find_up, read_gimbal_angles
 from gsut.data.images import read_header
-from gsut.files import check_regular
+from gsut.files import check_regular, find_kind
 
 _MILLIMETRES = {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}  # of FocalPlaneResolutionUnit
-RAW_SUFFIXES = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2", ".orf")
 # EXIF tag of the orientation.
 _ORIENTATION = 0x0112
 # EXIF tag of the directory with exposure and lens.
@@ -55,7 +54,7 @@ def read_facts(path: Path) -> PhotographFacts:
     from PIL import Image
 
     Image.MAX_IMAGE_PIXELS = None  # panoramas are no bombs
-    is_raw = path.suffix.lower() in RAW_SUFFIXES
+    is_raw = find_kind(path) == "raw"
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # Pillow's, on damaged metadata
         size, mode = (_read_raw_size(path), "raw") if is_raw else (None, "")

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from gsut.capture.streams import list_films
+
 # Bytes of a GPMF record's header: key, type, size, repeats.
 _HEADER = 8
 # Start of a GPMF payload, which holds devices.
@@ -46,7 +48,7 @@ def read_streams(video: Path) -> tuple[int, dict[str, np.ndarray]]:
     rotation, found = 0, dict[str, list[np.ndarray]]()
     with contextlib.suppress(*damaged), av.open(str(video.absolute())) as film:
         with contextlib.suppress(*damaged, StopIteration):
-            first = next(film.decode(film.streams.video[0]))
+            first = next(film.decode(list_films(film)[0]))
             rotation = round(-first.rotation / 90) * 90 % 360
         film.seek(0)
         tracks = film.streams.data

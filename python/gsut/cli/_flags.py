@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import dataclasses
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from gsut._core import InputError
 from gsut.bounds import check_number
-from gsut.files import WriteError, format_json, write_json
+from gsut.files import format_json, write_json
 from gsut.terminal import say
 
 if TYPE_CHECKING:
@@ -75,7 +74,7 @@ def show_findings(scene: Any, run: RunFolder | None, quiet: bool = False) -> Non
 
     Args:
         scene: whose poses and lenses are trusted.
-        run: that trained it, and keeps the findings; None: they are made now.
+        run: that trained it; `gsut train` kept the findings there. Else they are made now.
         quiet: print nothing.
     """
     from gsut.check import Finding, check_scene
@@ -88,9 +87,6 @@ def show_findings(scene: Any, run: RunFolder | None, quiet: bool = False) -> Non
         findings = [Finding(**each) for each in kept["findings"]]
     else:
         findings = check_scene(scene)
-        if run is not None:
-            with contextlib.suppress(WriteError):  # a run that is read only
-                keep_findings(run, findings)
     _say_findings(findings)
 
 

@@ -70,7 +70,6 @@ def run(arguments: argparse.Namespace) -> int:
 
     run = RunFolder.open(arguments.folder)
     options, trained_on, gaussians = open_trained(run, None)
-    show_findings(trained_on, run)
     scene = trained_on
     if arguments.scale is not None:
         scene = read_scene(run, None, arguments.scale)[1]
@@ -84,6 +83,7 @@ def run(arguments: argparse.Namespace) -> int:
             f"{scene.path} has no {arguments.split} views with these options; try --split all"
         )
     with whole_folder(arguments.out) if arguments.out else contextlib.nullcontext() as out:
+        show_findings(trained_on, run)
         figures = _measure_run(
             arguments, run, options, (trained_on, scene), gaussians, indices, out
         )

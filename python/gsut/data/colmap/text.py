@@ -18,7 +18,7 @@ _POINT_FIELDS = 8  # POINT3D_ID X Y Z R G B ERROR, then the track
 def _read_lines(path: Path) -> Iterator[tuple[int, str]]:
     """Yields line numbers from 1 and text, without comments; blank lines are kept."""
     try:
-        with open(check_regular(path), encoding="utf-8") as file:
+        with open(check_regular(path), encoding="utf-8-sig") as file:
             for number, line in enumerate(file, 1):
                 if not line.startswith("#"):
                     yield number, line.strip()
