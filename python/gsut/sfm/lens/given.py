@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from gsut._core import SolveError
+from gsut.judge.checks import FOCAL_LIMIT
 from gsut.lens import Camera, find_focal_params, has_focal_length
-from gsut.run.verdicts import FOCAL_LIMITS
 from gsut.sfm.lens.covariance import estimate_lens_covariances
 from gsut.sfm.lens.prior import count_groups, estimate_focal_sigma, find_focal
 from gsut.sfm.mapping import Mapping
@@ -46,7 +46,7 @@ def check_given_lens(mapping: Mapping) -> Mapping:
     given, own = float(lens.params[0]), find_focal(free)
     gap = math.log(own / given)
     figures = {"px": given, "images_px": own, "images_sigma_percent": None, "agrees": True}
-    if abs(gap) <= FOCAL_LIMITS[0]:
+    if abs(gap) <= FOCAL_LIMIT:
         return mapping.add_findings({"given_focal": figures})
     sigma = _estimate_sigma(mapping, free, flags)
     if math.isfinite(sigma):
