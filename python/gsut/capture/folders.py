@@ -15,6 +15,8 @@ from gsut.files import find_kind, read_bytes, split_numbers
 _PREVIEWS = ("thumbs", "thumbnails", "thumbnail", "__macosx", "previews", "lost+found")
 _HIDDEN = (".", "@", "#", "$")  # first letters of names that systems keep for themselves
 _MASK_FOLDERS = ("masks", "mask")
+# Small copies of films that cameras make for their screens and for editing.
+_PROXY_NAME = re.compile(r".*\.(?:lrv|lrf)|lrv_.*|.*_proxy\..*", re.IGNORECASE)
 # A mask is called as its photograph, with one of these words behind its stem, or before it.
 _MASK_NAME = re.compile(r"(?:(.+)[._ -]masks?|masks?[._ -](.+))", re.IGNORECASE)
 # What programs put behind the stem of a copy: "IMG (1)", "IMG - Copy", "IMG copy 2".
@@ -30,6 +32,7 @@ class Found:
         photographs, films: sorted as people count.
         masks: by the photograph that each is of.
         copies: of photographs, which are left out.
+        twins: in another format of a photograph, which are left out.
     """
 
     root: Path
@@ -37,11 +40,15 @@ class Found:
     films: list[Path] = dataclasses.field(default_factory=list)
     masks: dict[Path, Path] = dataclasses.field(default_factory=dict)
     copies: list[Path] = dataclasses.field(default_factory=list)
+    twins: list[Path] = dataclasses.field(default_factory=list)
 
     def describe_rest(self) -> str:
         """Describes what was passed over beside the photographs; "" if nothing was."""
         copies = f"copies of others: {self.copies[0].name} ..." if self.copies else ""
-        counts = ((len(self.films), "films"), (len(self.copies), copies))
+        twins = "of the same in another format"
+        counts = (
+            (len(self.films), "films"), (len(self.copies), copies), (len(self.twins), twins)
+        )  # fmt: skip
         rest = [f"{count} {what}" for count, what in counts if count]
         if not self.photographs or not rest:
             return ""
@@ -56,18 +63,30 @@ def list_folder(folder: Path) -> Found:
     """
     inner = folder / "images"
     found = Found(inner if inner.is_dir() else folder)
-    files = sorted(
-        (path for path in found.root.rglob("*") if _is_shown(path.relative_to(found.root))),
-        key=lambda path: split_numbers(path.relative_to(found.root).as_posix()),
-    )
-    kinds = {path: kind for path in files if (kind := find_kind(path))}
-    if not inner.is_dir() and any(path.parent == folder for path in kinds):
-        kinds = {path: kind for path, kind in kinds.items() if path.parent == folder}
-    found.films = [path for path, kind in kinds.items() if kind == "video"]
-    pictures = [path for path, kind in kinds.items() if kind != "video"]
-    _sort_out_masks(found, pictures)
+    kinds = {} if inner.is_dir() else _find_kinds(found.root, "*")
+    kinds = kinds or _find_kinds(found.root, "**/*")
+    films = [path for path, kind in kinds.items() if kind == "video"]
+    whole = [path for path in films if not _PROXY_NAME.match(path.name)]
+    found.films = whole or films
+    pictures = [path for path, kind in kinds.items() if kind == "picture"]
+    stems = {path.with_suffix("") for path in pictures}
+    for kind in ("heif", "raw"):  # one file counts of what a camera writes in two formats
+        others = [path for path, each in kinds.items() if each == kind]
+        found.twins += [path for path in others if path.with_suffix("") in stems]
+        pictures += [path for path in others if path.with_suffix("") not in stems]
+        stems |= {path.with_suffix("") for path in others}
+    taken = set(pictures)
+    _sort_out_masks(found, [path for path in kinds if path in taken])
     _sort_out_copies(found)
     return found
+
+
+def _find_kinds(root: Path, pattern: str) -> dict[Path, str]:
+    """Finds the kinds of the photographs and films of a folder, sorted as people count."""
+    files = (path for path in root.glob(pattern) if _is_shown(path.relative_to(root)))
+    names = {path: path.relative_to(root).as_posix() for path in files}
+    ordered = sorted(names, key=lambda path: split_numbers(names[path]))
+    return {path: kind for path in ordered if (kind := find_kind(path))}
 
 
 def _is_shown(path: Path) -> bool:
@@ -79,7 +98,7 @@ def _is_shown(path: Path) -> bool:
 
 
 def _sort_out_masks(found: Found, pictures: list[Path]) -> None:
-    """Parts masks, which are called as another picture with a word, from the photographs."""
+    """Separates photographs from masks, which are called as one of them with a word more."""
     by_name = {(path.parent, each): path for path in pictures for each in (path.name, path.stem)}
     for path in pictures:
         match = _MASK_NAME.fullmatch(path.stem)
@@ -98,7 +117,8 @@ def _sort_out_copies(found: Found) -> None:
         of = match and by_name.get((path.parent, match[1], path.suffix))
         if of and of.stat().st_size == path.stat().st_size and read_bytes(of) == read_bytes(path):
             found.copies.append(path)
-    found.photographs = [path for path in found.photographs if path not in found.copies]
+    copies = set(found.copies)
+    found.photographs = [path for path in found.photographs if path not in copies]
 
 
 def expand_folders(inputs: Sequence[Path]) -> list[Path]:

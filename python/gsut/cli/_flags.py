@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from gsut._core import InputError
 from gsut.bounds import check_number
-from gsut.files import format_json, write_json
+from gsut.files import ENDINGS, format_json
 from gsut.terminal import say
 
 if TYPE_CHECKING:
@@ -20,13 +20,11 @@ if TYPE_CHECKING:
 FILE_SUFFIXES = frozenset(
     f".{name}"
     for names in (
-        "avi gif insv m4v mkv mov mp4 mpeg mpg webm",
-        "bmp heic jpeg jpg png tif tiff webp",
-        "fbx glb gltf ksplat las laz obj ply rad sog splat spz stl usd usda usdc usdz xyz",
+        "gif glb gltf fbx ksplat las laz obj ply rad sog splat spz stl usd usda usdc usdz xyz",
         "csv html json npz pdf txt zip",
     )
     for name in names.split()
-)
+).union(*ENDINGS.values())
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:
@@ -95,7 +93,7 @@ def keep_findings(run: RunFolder, findings: Sequence[Any]) -> None:
     from gsut.run import RunFile
 
     rows = [dataclasses.asdict(each) for each in findings if each.severity != "info"]
-    write_json(run.path / RunFile.FINDINGS, {"findings": rows})
+    run.write_json(RunFile.FINDINGS, {"findings": rows})
 
 
 def _say_findings(findings: Sequence[Any], quiet: bool = False) -> None:

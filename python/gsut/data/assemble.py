@@ -93,7 +93,7 @@ def _note_masks(listing: Listing, frames: list[Frame], on_error: OnError) -> Ite
     advice = (
         "name them by 'mask_path'"
         if named
-        else f"a mask is called as its image: {MASKS}/{Path(frames[0].name).name}.png"
+        else f"a mask is called as its image: {MASKS}/{frames[0].name}.png"
     )
     if idle and len(idle) == len(found) and not named:
         what = f"none of {len(found)} masks belongs to an image: {list_some(idle)}"

@@ -190,7 +190,7 @@ def _warn_of_activated(path: str | os.PathLike[str], gaussians: Gaussians) -> No
     logits, scales = gaussians.opacity_logits, gaussians.log_scales
     if len(gaussians) < _FEWEST_JUDGED or scales.min() <= 0:
         return
-    if logits.min() >= 0 and logits.max() <= 1:
+    if 0 <= logits.min() < logits.max() <= 1:
         warnings.warn(
             f"{os.fspath(path)}: all opacities lie in 0 to 1 and all scales are above 0: does it "
             "hold opacities and sizes where a PLY of 3DGS has their logits and logarithms? Then "

@@ -1,6 +1,7 @@
 """What people put into a folder: content decides whether it is a photograph, a film or a mask."""
 
 import struct
+import sys
 
 import cv2
 import numpy as np
@@ -12,6 +13,7 @@ from gsut.capture.folders import list_folder
 from gsut.capture.streams import is_woven
 from gsut.capture.track import read_film_facts
 from gsut.capture.video import Video
+from gsut.data.images import find_mask
 from gsut.files import ENDINGS, find_kind, split_numbers
 
 RNG = np.random.default_rng(20261128)
@@ -208,11 +210,9 @@ def test_folder_of_films_alone_is_its_films(tmp_path, monkeypatch):
     (tmp_path / "in").mkdir()
     for number in (10, 9):
         (tmp_path / f"in/GX{number}.MP4").write_bytes(b"\0\0\0\x18ftypisom")
-    taken = []
-    monkeypatch.setattr(
-        "gsut.capture.inputs._take_pictures", lambda paths, *_: taken.extend(paths) or taken
-    )
-    monkeypatch.setattr("gsut.capture.inputs.prepare_panoramas", lambda found, _: found)
+    taken, module = [], sys.modules["gsut.capture.inputs"]
+    monkeypatch.setattr(module, "_take_pictures", lambda paths, *_: taken.extend(paths))
+    monkeypatch.setattr(module, "prepare_panoramas", lambda found, _: found)
     gsut.capture([tmp_path / "in"], tmp_path / "out")
     assert [path.name for path in taken] == ["GX9.MP4", "GX10.MP4"]
 
@@ -234,3 +234,28 @@ def test_film_is_shown_as_its_display_matrix_says(tmp_path, quarters, mirrored):
         shown = next(decode() for _, _, decode in video.read_frames())
     wanted = np.rot90(plain[:, ::-1] if mirrored else plain, -quarters)
     np.testing.assert_array_equal(shown, wanted)
+
+
+def test_small_copies_of_films_are_passed_over(tmp_path):
+    for name in ("GX01.MP4", "GX01.LRV", "b_Proxy.mov", "LRV_1.insv"):
+        (tmp_path / name).write_bytes(b"\0\0\0\x18ftypisom")
+    assert [path.name for path in list_folder(tmp_path).films] == ["GX01.MP4"]
+    (tmp_path / "GX01.MP4").unlink()
+    assert len(list_folder(tmp_path).films) == 3
+
+
+def test_raw_and_heic_beside_the_same_jpeg_are_left_out(tmp_path):
+    for number in range(3):
+        picture(tmp_path / f"{number}.jpg", shift=number)
+    for name in ("0.cr2", "1.HEIC", "2.NEF", "3.NEF", "4.heic"):
+        (tmp_path / name).write_bytes(b"x")
+    found = list_folder(tmp_path)
+    names = [path.name for path in found.photographs]
+    assert names == ["0.jpg", "1.jpg", "2.jpg", "3.NEF", "4.heic"]
+    assert "3 of the same in another format" in found.describe_rest()
+
+
+def test_mask_of_all_pictures_is_named_as_masks(tmp_path):
+    mask = picture(tmp_path / "one.png", ".png")
+    assert find_mask(mask, "a/b.jpg") == mask
+    assert find_mask(tmp_path / "masks", "a/b.jpg") is None

@@ -11,7 +11,7 @@ from gsut.data.images.decode import (
     shrink_image,
     shrink_mask,
 )
-from gsut.data.images.lookup import PictureLookup, describe_pictures, normalise_name
+from gsut.data.images.lookup import PictureLookup, describe_pictures, normalize_name
 from gsut.data.images.masks import find_common_mask, find_mask, make_lens_mask, read_mask
 
 __all__ = [
@@ -25,7 +25,7 @@ __all__ = [
     "find_largest_value",
     "find_mask",
     "make_lens_mask",
-    "normalise_name",
+    "normalize_name",
     "read_header",
     "read_mask",
     "shrink_both",

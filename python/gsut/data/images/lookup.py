@@ -15,7 +15,7 @@ _ABSOLUTE = re.compile(r"[a-z]:/|/")
 _NAMED = 2  # pairs of names in a note: enough to see how they differ
 
 
-def normalise_name(name: str) -> str:
+def normalize_name(name: str) -> str:
     """Returns a name without what systems differ in: slashes, capitals, forms of letters."""
     plain = unicodedata.normalize("NFC", name.replace("\\", "/")).casefold()
     return plain.removeprefix("./")
@@ -41,7 +41,7 @@ class PictureLookup:
         """Names by their normal form, also without their ending; None where two have it."""
         names: dict[str, str | None] = {}
         for name in list_picture_names(self._folder):
-            plain = normalise_name(name)
+            plain = normalize_name(name)
             for key in (plain, str(Path(plain).with_suffix(""))):
                 names[key] = None if key in names else name
         return names
@@ -53,7 +53,7 @@ class PictureLookup:
         path = self._folder / name
         if path.is_file():
             return path
-        plain = normalise_name(name)
+        plain = normalize_name(name)
         keys = [plain]
         if _ABSOLUTE.match(plain):  # 000.jpg of C:/scan/images/000.jpg
             parts = plain.split("/")

@@ -11,7 +11,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data.errors import DatasetError, OnError, list_some
-from gsut.data.images import find_mask, normalise_name
+from gsut.data.images import find_mask, normalize_name
 from gsut.data.listing import Frame, Listing
 from gsut.data.poses import (
     NANOSECONDS,
@@ -162,9 +162,9 @@ def _pair_by_name(
     """Pairs poses by the paths, file names or stems of pictures; `named` collects those in use."""
     found = _index_names(stream.images, recording)
     poses: dict[Path, np.ndarray] = {}
-    alike = {normalise_name(name): images for name, images in found.items()}
+    alike = {normalize_name(name): images for name, images in found.items()}
     for row, label in enumerate(trajectory.labels or ()):
-        images = found.get(label) or alike.get(normalise_name(label))
+        images = found.get(label) or alike.get(normalize_name(label))
         if images:
             named.add(row)
             poses.setdefault(images[0], trajectory.poses[row])
