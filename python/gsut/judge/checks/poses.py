@@ -11,6 +11,7 @@ from gsut.run import Verdict
 
 # Relative error of the focal length that shifts a picture by GOOD_PX (root mean square).
 FOCAL_LIMIT = 0.02
+_PROBABLE = 0.6745  # standard deviations that an error exceeds as often as not
 # Share of the verified matches that observe one point, below which a given lens is doubted: the
 # right one mostly has more, and a wrong one leaves a third; and below which poses are poor.
 FEW_AGREE = 0.4
@@ -83,8 +84,8 @@ class PosesQuality(PictureQuality):
 
     @property
     def lens_px(self) -> float:
-        """Returns by how many pixels the error of the focal length shifts a picture."""
-        return convert_focal_error(self.focal_sigma or 0.0)
+        """Returns by how many pixels the probable error of the focal length shifts a picture."""
+        return convert_focal_error(_PROBABLE * (self.focal_sigma or 0.0))
 
     @property
     def error_px(self) -> float:
@@ -182,8 +183,8 @@ POSES_CHECKS: tuple[Check[PosesQuality], ...] = (
         "they are read",
         _ADD_TURNED,
     ),
-    Check(  # right poses reject hardly any
-        "rejected pairs", lambda q: q.contradicted, 0.05, 0.15,
+    Check(  # right poses reject hardly any, wrong ones mostly a fifth and more
+        "rejected pairs", lambda q: q.contradicted, 0.05, 0.05,
         lambda q: f"the poses reject all matches of {100 * q.contradicted:.0f} % of the pairs of "
         "images",
         _choose_step_on_pairs,
@@ -198,12 +199,6 @@ POSES_CHECKS: tuple[Check[PosesQuality], ...] = (
         lambda q: f"the focal length differs by {100 * q.focal_gap:+.0f} % from that of the given "
         "lens",
         _ESTIMATE_LENS,
-    ),
-    Check(
-        "residuals", lambda q: q.scale * q.median_px, 0.35, 0.875,
-        lambda q: f"points are off by {q.median_px:.2f} px",
-        "give --shutter rolling if the camera moved fast, or the lens by --camera",
-        is_visible=True,
     ),
     Check(
         "open error", lambda q: q.error_px, GOOD_PX, USABLE_PX,

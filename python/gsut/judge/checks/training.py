@@ -39,42 +39,28 @@ _COLORS_DB = 2.0
 
 @dataclasses.dataclass(frozen=True)
 class TrainingQuality:
-    """What the verdict on a training depends on.
+    """What the cause of a soft scene depends on.
 
     Attributes:
-        metrics: of metrics.json, see `judge_training`.
+        detail, shifted: of held-out views, see `evaluate`.
+        train: detail of training views; None: no other views were measured.
+        moving: share of the training pixels that show what moved.
         repeat: the training, as a command that repeats it with one change.
         accused: what the check before the training says is wrong; None: nothing.
     """
 
-    metrics: Mapping[str, Any]
+    detail: float
+    shifted: float
+    train: float | None
+    moving: float
     repeat: NextCommand
     accused: Mapping[str, str] | None
 
-    @property
-    def detail(self) -> float:
-        return float(self.metrics["detail_median"])
-
-    @property
-    def train(self) -> float | None:
-        """Returns the detail of training views; None: no other views were measured."""
-        return self.metrics.get("detail_train")
-
-    @property
-    def shifted(self) -> float:
-        return float(self.metrics.get("detail_shifted_median", self.detail))
-
-    @property
-    def moving(self) -> float:
-        """Returns the share of the training pixels that show what moved."""
-        return float(self.metrics.get("moving_train", 0.0))
-
-    @property
     def is_lost_between(self) -> bool:
-        """Reports whether held-out views lose more than training views have lost."""
+        """Returns whether held-out views lose more than training views have lost."""
         return self.train is not None and self.train - self.detail > 1 - self.train
 
-    def count_lost(self, condition: bool) -> float:
+    def count_lost(self, condition: bool = True) -> float:
         """Returns the share of the detail that is lost, under a condition; else 0."""
         return condition * (1 - self.detail)
 
@@ -148,7 +134,7 @@ TRAINING_CHECKS: tuple[Check[TrainingQuality], ...] = (
         _choose_step_on_wrong,
     ),
     Check(
-        "between photographs", lambda q: q.count_lost(q.is_lost_between), 1 - GOOD, 1 - POOR,
+        "between photographs", lambda q: q.count_lost(q.is_lost_between()), 1 - GOOD, 1 - POOR,
         _describe_between,
         lambda q: "photograph more from between the places there are"
         + (", while nothing moves" if q.moving >= _MAY_MOVE else ""),
@@ -160,7 +146,7 @@ TRAINING_CHECKS: tuple[Check[TrainingQuality], ...] = (
         lambda q: q.repeat.make_longer(),
     ),
     Check(
-        "detail", lambda q: q.count_lost(True), 1 - GOOD, 1 - POOR,
+        "detail", lambda q: q.count_lost(), 1 - GOOD, 1 - POOR,
         lambda q: f"{_describe_soft(q)}, after many steps: "
         + _name_wrong(q, "that looks like wrong poses or a wrong lens"),
         _choose_step_on_wrong,
@@ -220,8 +206,16 @@ def judge_training(
     """
     if metrics.get("psnr") is None:
         return Verdict("usable", "no view was held out, so nothing was measured")
-    repeat = NextCommand(data, f"{run}-2", options or TrainOptions(), division)
-    causes = find_faults(TRAINING_CHECKS, TrainingQuality(metrics, repeat, accused))[:1]
+    detail = metrics["detail_median"]
+    quality = TrainingQuality(
+        detail=detail,
+        shifted=metrics.get("detail_shifted_median", detail),
+        train=metrics.get("detail_train"),
+        moving=metrics.get("moving_train", 0.0),
+        repeat=NextCommand(data, f"{run}-2", options or TrainOptions(), division),
+        accused=accused,
+    )
+    causes = find_faults(TRAINING_CHECKS, quality)[:1]
     reasons = [fault.what for fault in (*causes, *find_faults(NOTES, metrics))]
     advice = causes[0].advice if causes else format_command(["gsut", "view", run])
     level = Verdict.LEVELS[causes[0].severity if causes else 0]
