@@ -13,10 +13,9 @@ from gsut.capture.facts import PhotographFacts, Place
 from gsut.capture.focal import FocalStatement, find_focal_prior
 from gsut.capture.xmp import find_up, read_gimbal_angles
 from gsut.data.images import read_header
-from gsut.files import FileError, check_regular, open_image, register_reader
+from gsut.files import FileError, check_regular, find_kind, open_image, register_reader
 
 _MILLIMETRES = {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}  # of FocalPlaneResolutionUnit
-RAW_SUFFIXES = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2", ".orf")
 # EXIF tag of the orientation.
 _ORIENTATION = 0x0112
 # EXIF tag of the directory with exposure and lens.
@@ -46,7 +45,7 @@ def read_facts(path: Path) -> PhotographFacts:
     Raises:
         InputError: the format is not known, or the header is damaged.
     """
-    is_raw = path.suffix.lower() in RAW_SUFFIXES
+    is_raw = find_kind(path) == "raw"
     size, mode = (_read_raw_size(path), "raw") if is_raw else (None, "")
     try:
         with open_image(path) as image:

@@ -48,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
     if not out.is_dir() or any(out.iterdir()):
         refuse_existing(out, " with -o")
     scene = gsut.load_dataset(arguments.data, test_every=0)
-    check_first(scene, arguments.force, quiet=True)
+    check_first(scene, arguments.force, arguments.quiet)
     with Progress(not arguments.quiet) as bars:
         maps = find_depth_maps(
             scene,

@@ -8,7 +8,13 @@ from pathlib import Path
 
 from gsut.data.assemble import assemble
 from gsut.data.errors import DatasetError, OnError, raise_error
-from gsut.data.layouts import Layout, find_layout, list_layouts, require_pictures
+from gsut.data.layouts import (
+    Layout,
+    find_foreign_files,
+    find_layout,
+    list_layouts,
+    require_pictures,
+)
 from gsut.data.listing import Listing
 from gsut.data.recordings import pair_recording
 from gsut.data.scene import TEST_EVERY, Scene
@@ -68,7 +74,8 @@ def read_dataset(path: Path, *, on_error: OnError = raise_error) -> Listing:
         )
         raise DatasetError(
             path,
-            f"no dataset found; looked for {looked}",
+            "; ".join(filter(None, ["no dataset found", find_foreign_files(path)]))
+            + f"; looked for {looked}",
             "lay the files out in one of these ways (docs/datasets.md), or let `gsut scene` make a "
             "scene of photographs",
         )

@@ -3,6 +3,7 @@
 from gsut.files.archives import open_archive, unpack_gzip, write_archive
 from gsut.files.arrays import Array, read_npy, read_npz, write_npy, write_npz
 from gsut.files.errors import FileError, OpenError, WriteError, reading
+from gsut.files.kinds import ENDINGS, find_kind, split_numbers
 from gsut.files.names import check_name, claim_name, refuse_existing, to_file_name
 from gsut.files.opening import (
     check_regular,
@@ -39,6 +40,7 @@ from gsut.files.writing import (
 )
 
 __all__ = [
+    "ENDINGS",
     "UNFINISHED",
     "Array",
     "FileError",
@@ -53,6 +55,7 @@ __all__ = [
     "copy_file",
     "create_file",
     "decode_text",
+    "find_kind",
     "format_json",
     "list_readers",
     "open_archive",
@@ -75,6 +78,7 @@ __all__ = [
     "refuse_existing",
     "register_reader",
     "remove_unfinished",
+    "split_numbers",
     "staging_folder",
     "to_file_name",
     "to_plain",

@@ -48,7 +48,7 @@ class RunFile:
     BLOCKS = "blocks"  # states of a training in blocks, its plan and layout
     PLAN = f"{BLOCKS}/plan.json"  # how it is divided, with its TrainOptions as they were given
     RENDERS = "renders"  # pictures of the held-out views
-    CHECK = "check.json"  # what the check of the data says is wrong: the poses or the lens
+    FINDINGS = "findings.json"  # what the doctor says of the data, see gsut.Finding
     CONFIDENCE = "confidence.npz"  # how sure renders are, if gsut render --confidence measured it
 
 
@@ -60,11 +60,12 @@ _FILES = (
 _DAMAGED = f"it is damaged; {RunFile.SCENE}, if it is there, can be used by itself"
 _OTHER_CHECKPOINT = "it is not of this training; remove this file and begin a new run"
 _RESULTS = (RunFile.SCENE, RunFile.METRICS, RunFile.REPORT)
+_OF_FINDING = ("severity", "where", "what", "advice", "subject")
 _OF_PLAN = ("blocks", "version", "isa", "options")
 _SHAPES = {
     RunFile.ENVIRONMENT: ENVIRONMENT_SHAPE,
     RunFile.METRICS: METRICS_SHAPE,
-    RunFile.CHECK: {"subject": frozenset({"poses", "lens"}), "what": str, "advice": str},
+    RunFile.FINDINGS: {"findings": [dict.fromkeys(_OF_FINDING, str)]},
     "scene.json": SCENE_SHAPE,
 }
 

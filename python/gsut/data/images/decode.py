@@ -10,10 +10,17 @@ from typing import NamedTuple
 import numpy as np
 
 from gsut.data.errors import DatasetError
-from gsut.files import FileError, open_binary, open_image, read_picture_bytes, register_reader
+from gsut.files import (
+    ENDINGS,
+    FileError,
+    open_binary,
+    open_image,
+    read_picture_bytes,
+    register_reader,
+)
 from gsut.orientation import EXIF_HEADER, read_orientation
 
-IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp")
+IMAGE_SUFFIXES = ENDINGS["picture"]
 # Formats whose headers Pillow reads; decoders turn the pixels of a TIFF upright.
 _FORMATS = ("JPEG", "PNG", "WEBP", "BMP")
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -25,6 +32,7 @@ _JPEG_DAMAGE = ("premature end", "bad Huffman code", _JPEG_EXTRA)
 _JPEG_END = b"\xff\xd9"
 _LEAST_PADDING = 4  # bytes: the data of a picture may end in a few zeros
 _KEPT_PADDING = 64  # bytes that may be data of the picture: less than one row of blocks
+_OPAQUE = 250  # least alpha that may be full: some encoders write 254 for 255 throughout
 _COPY_AGAIN = "copy or export the file again"
 
 
@@ -83,7 +91,8 @@ def decode_image(path: Path, reduction: int = 1) -> tuple[np.ndarray, np.ndarray
     if pixels.shape[2] == 3:
         return cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB), None
     if pixels.shape[2] == 4:
-        return cv2.cvtColor(pixels, cv2.COLOR_BGRA2RGB), pixels[:, :, 3] == 255
+        alpha = pixels[:, :, 3]
+        return cv2.cvtColor(pixels, cv2.COLOR_BGRA2RGB), alpha == max(alpha.max(), _OPAQUE)
     raise DatasetError(
         path, f"{pixels.shape[2]} channels", "convert the image to grey, RGB or RGBA"
     )
@@ -248,9 +257,12 @@ def decode_mask(path: Path) -> np.ndarray:
     """Decodes a mask: (H, W) bool, True (valid) where the value is above half of white.
 
     White is the type's maximum; files with values 0 and 1 only are taken as 0 and white. With an
-    alpha channel and no colour the first channel decides.
+    alpha channel and no colour the first channel decides; where colours are alike throughout, as
+    editors save a selection, alpha does.
     """
     pixels = _decode(path)
+    if pixels.ndim == 3 and pixels.shape[2] == 4 and (pixels[..., :3] == pixels[0, 0, :3]).all():
+        pixels = pixels[:, :, 3]
     if pixels.ndim == 3:
         pixels = pixels[:, :, :3].max(axis=2)
     white = np.iinfo(pixels.dtype).max if pixels.dtype.kind == "u" else 1.0

@@ -25,6 +25,10 @@ _ADVICE = (
 )
 
 
+# The numbers of a line that end it, parted by blanks, with commas for points as spreadsheets have.
+_DECIMAL_COMMAS = re.compile(r"(?:\s-?[0-9]+,[0-9]+(?:e-?[0-9]+)?){7}$", re.IGNORECASE)
+
+
 @dataclasses.dataclass(frozen=True)
 class Trajectory:
     """Poses in the order of their file.
@@ -124,6 +128,8 @@ def _read_table_rows(source: Path) -> _Rows:
         if kitti:
             makers.append(functools.partial(_parse_kitti_pose, line, place))
             continue
+        if _DECIMAL_COMMAS.search(line):
+            line = line.replace(",", ".")
         with_commas = "," in line
         fields = line.split(",")[:_TUM] if with_commas else line.rsplit(maxsplit=_TUM - 1)
         labels.append(fields[0].strip())

@@ -12,7 +12,7 @@ import numpy as np
 from gsut.data.errors import DatasetError
 from gsut.data.poses import NANOSECONDS, check_rigid, invert_pose
 from gsut.data.rigs.rig import read_camchain, read_rig
-from gsut.files import read_bytes, read_json, read_yaml
+from gsut.files import read_json, read_yaml
 from gsut.lens import Camera, load_camera
 from gsut.lens.files import is_camchain
 
@@ -62,7 +62,8 @@ def read_mounts(lens: Path | dict[str, Path], names: Sequence[str]) -> dict[str,
             )
         return {name: _read_mount(lens[name], name) for name in names}
     if lens.suffix.lower() in _YAML:
-        if is_camchain(_read_keys(lens)):
+        values = read_yaml(lens)
+        if is_camchain(values):
             return _select_mounts(_read_mounts_of_camchain(lens), names, lens)
     elif lens.suffix.lower() == ".json" and _is_rig(read_json(lens)):
         rig = read_rig(lens)
@@ -85,14 +86,9 @@ def is_rig_file(lens: Path) -> bool:
     """
     if lens.suffix.lower() == ".json":
         return _is_rig(read_json(lens))
-    return sum(is_camchain({key: None}) for key in _read_keys(lens)) > 1
-
-
-def _read_keys(lens: Path) -> dict[str, Any]:
-    """Reads keys and values of a YAML file; none of another file, or one that OpenCV wrote."""
-    if lens.suffix.lower() not in _YAML or read_bytes(lens).startswith(b"%YAML"):
-        return {}
-    return read_yaml(lens)
+    if lens.suffix.lower() not in _YAML:
+        return False
+    return sum(is_camchain({key: None}) for key in read_yaml(lens)) > 1
 
 
 def _is_rig(values: Any) -> bool:
@@ -118,13 +114,17 @@ def _select_mounts(mounts: dict[str, Mount], names: Sequence[str], lens: Path) -
 
 def _read_mount(lens: Path, name: str) -> Mount:
     """Reads a file of one camera, a camchain's camera of this name, or EuRoC's sensor.yaml."""
-    values = _read_keys(lens)
-    if is_camchain(values):
-        return _select_mounts(_read_mounts_of_camchain(lens), [name], lens)[name]
-    if "T_BS" in values:
-        from_body = invert_pose(check_rigid(parse_matrix(values["T_BS"]), f"{lens}, key 'T_BS'"))
-        return Mount(load_camera(lens), str(lens), from_body)
-    return Mount(load_camera(lens), str(lens))
+    if lens.suffix.lower() in _YAML:
+        values = read_yaml(lens)
+        if is_camchain(values):
+            return _select_mounts(_read_mounts_of_camchain(lens), [name], lens)[name]
+        if "T_BS" in values:
+            from_body = invert_pose(
+                check_rigid(parse_matrix(values["T_BS"]), f"{lens}, key 'T_BS'")
+            )
+            return Mount(load_camera(lens), str(lens), from_body)
+    camera = load_camera(lens)
+    return Mount(camera, str(lens))
 
 
 def parse_matrix(values: Any) -> Any:
@@ -166,8 +166,8 @@ def find_body_from_camera(name: str, mounts: dict[str, Mount], poses_of: str | N
         if mount.from_body is None:
             raise DatasetError(
                 mount.source,
-                "there is no T_cam_imu (Kalibr) or T_BS (EuRoC), so that the poses of the body "
-                "say nothing of this camera",
+                "there is no T_cam_imu or T_imu_cam (Kalibr) or T_BS (EuRoC), so that the poses of "
+                "the body say nothing of this camera",
                 "add it; or, where the poses are those of a camera, write `poses_of: "
                 f"{next(iter(mounts)) or 'camera'}` into dataset.yaml",
             )

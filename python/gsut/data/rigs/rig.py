@@ -231,9 +231,10 @@ def read_camchain(
     """Reads the cameras of a Kalibr camchain.
 
     Returns:
-        Of each its name, lens, camera_from_cam0 (by T_cn_cnm1) and camera_from_imu (T_cam_imu, or
-        that of another camera through T_cn_cnm1), both (4, 4) or None where the file does not say,
-        and timeshift_cam_imu: seconds, time of the IMU minus that of the camera.
+        Of each its name, lens, camera_from_cam0 (by T_cn_cnm1) and camera_from_imu (T_cam_imu, the
+        inverse of T_imu_cam, or that of another camera through T_cn_cnm1), both (4, 4) or None
+        where the file does not say, and timeshift_cam_imu: seconds, time of the IMU minus that of
+        the camera.
 
     Raises:
         InputError: not YAML, or no camchain.
@@ -249,12 +250,14 @@ def read_camchain(
         where, entry = f"{file}, camera {name}", values[name]
         step = entry.get("T_cn_cnm1") if isinstance(entry, dict) else None
         imu = entry.get("T_cam_imu") if isinstance(entry, dict) else None
+        back = entry.get("T_imu_cam") if isinstance(entry, dict) and imu is None else None
         pose = np.eye(4) if number == 0 else None
         before = from_first[-1] if number else None
         if number and step is not None and before is not None:
             pose = _parse_pose(step, where) @ before
         from_first.append(pose)
-        from_imu.append(None if imu is None else _parse_pose(imu, where))
+        pose = None if imu is None else _parse_pose(imu, where)
+        from_imu.append(pose if back is None else invert_pose(_parse_pose(back, where)))
     known = next((k for k, pose in enumerate(from_imu) if pose is not None), None)
     if known is not None:
         for k, pose in enumerate(from_first):

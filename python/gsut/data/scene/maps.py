@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import concurrent.futures
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
+from gsut import _core
 from gsut._core import InputError
 from gsut.data.scene.scene import Scene
 from gsut.files import Array, read_npy, read_picture, register_reader
@@ -88,6 +91,23 @@ def read_normals(scene: Scene, view: int) -> np.ndarray | None:
     length = np.linalg.norm(normals, axis=2, keepdims=True)
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.where(length > _SHORTEST, normals / length, 0.0).astype(np.float32)
+
+
+def find_bad_maps(scene: Scene, depth: bool = True, normals: bool = True) -> Iterator[InputError]:
+    """Reads the depth and normal files of all views; yields why one cannot be used."""
+
+    def read(view: int) -> list[InputError]:
+        errors = []
+        for each in (read_depth,) * depth + (read_normals,) * normals:
+            try:
+                each(scene, view)
+            except InputError as error:
+                errors.append(error)
+        return errors
+
+    with concurrent.futures.ThreadPoolExecutor(_core.num_threads()) as threads:
+        for errors in threads.map(read, range(len(scene.views))):
+            yield from errors
 
 
 @register_reader("depths and normals", ".npy")

@@ -47,7 +47,13 @@ def load_camera(path: _Path, camera_id: int | str | None = None) -> Camera:
     source, place = str(path), Path(path)
     file = LensFile(place, source, read_bytes(place, _MOST_BYTES))
     with reading(source, _ADVICE, make_lens_error):
-        return _find_format(file).read(file, camera_id)
+        format = _find_format(file)
+        if camera_id is not None and not format.has_ids:
+            raise InputError(
+                f"{source}: has no camera {camera_id}; it holds one lens without a name: leave "
+                "camera_id out"
+            )
+        return format.read(file, camera_id)
 
 
 def _find_format(file: LensFile) -> LensFormat:
