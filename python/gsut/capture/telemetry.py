@@ -10,7 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from gsut.capture.video import find_quarter_turns, open_container
+from gsut.capture.streams import find_quarter_turns, list_films
+from gsut.capture.video import open_container
 
 # Bytes of a GPMF record's header: key, type, size, repeats.
 _HEADER = 8
@@ -53,7 +54,7 @@ def read_streams(video: Path) -> tuple[int, dict[str, np.ndarray]]:
             return rotation, {}
         opened.enter_context(film)
         with contextlib.suppress(*damaged, StopIteration):
-            first = next(film.decode(film.streams.video[0]))
+            first = next(film.decode(list_films(film)[0]))
             rotation = -find_quarter_turns(first) % 4 * 90
         film.seek(0)
         tracks = film.streams.data

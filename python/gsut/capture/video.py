@@ -20,9 +20,9 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.capture.boxes import check_tables, is_without_index, open_slice, split_films
-from gsut.files import check_regular, open_binary, register_reader
+from gsut.capture.streams import find_quarter_turns, is_woven, list_films, show_upright
+from gsut.files import check_regular, find_kind, open_binary, register_reader
 
-VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".mts", ".m2ts", ".360", ".insv")
 # GoPro's firmware names since HERO9; before, HD8 is HERO8.
 _GOPRO = {
     "HD9": "HERO9", "H19": "Max", "H21": "HERO10", "H22": "HERO11", "H23": "HERO12",
@@ -48,8 +48,8 @@ _CONVERT = "convert it: ffmpeg -i IN -c:v libx264 -crf 16 OUT.mp4"
 
 
 def is_video(path: str | os.PathLike[str]) -> bool:
-    """Returns whether the name is that of a video."""
-    return Path(path).suffix.lower() in VIDEO_SUFFIXES
+    """Returns whether a file is a video; of one that is not there, whether its name is."""
+    return find_kind(path) == "video"
 
 
 @register_reader("film", ".mp4", ".mov", ".avi", ".mkv", ".webm")
@@ -85,7 +85,7 @@ class Video:
         if not self.path.is_file():
             raise InputError(f"{path}: no such file; give a video or a folder of photographs")
         self._container = _open_video(self.path)
-        stream = self._container.streams.video[0]
+        stream = list_films(self._container)[0]
         self._unread: list[int] = []
         self._frames = _decode_films(self.path, self._container, 0, self._unread)
         self._other: Iterator[_Timed] | None = None
@@ -99,7 +99,7 @@ class Video:
         self.untimed = 0
         self.damaged: list[float] = []
         self.resized = 0
-        self.interlaced = 0
+        self.interlaced = self._converted = self._woven = 0
         self.stretch = _find_stretch(stream)
         self._curve = _BRIGHT_CURVES.get(stream.codec_context.color_trc, "")
         self.width, self.height = _stretch_size(stream, self.stretch)
@@ -144,7 +144,9 @@ class Video:
             for f in frames
         ]
         if len(pictures) == 1:
-            return np.ascontiguousarray(np.rot90(pictures[0], find_quarter_turns(frames[0])))
+            self._converted += 1
+            self._woven += is_woven(pictures[0])
+            return show_upright(pictures[0], frames[0])
         return np.hstack(pictures) if pictures[0].shape == pictures[1].shape else None
 
     def list_notes(self, count: int) -> list[str]:
@@ -168,11 +170,12 @@ class Video:
                 f"the pixels of {name} are {self.stretch:.4g} times as wide as high: its frames are"
                 f" stretched to square ones ({self.width} x {self.height})"
             )
-        if self.interlaced:
+        woven = count if 2 * self._woven > self._converted else 0  # without the film saying so
+        if self.interlaced or woven:
             notes.append(
-                f"{self.interlaced} of {count} frames of {name} are interlaced: every other line "
-                "was taken at another moment, which blurs what moves; make whole frames of it: "
-                "ffmpeg -i IN -vf bwdif -c:v libx264 -crf 16 OUT.mp4"
+                f"{self.interlaced or woven} of {count} frames of {name} are interlaced: every "
+                "other line was taken at another moment, which blurs what moves; make whole frames "
+                "of it: ffmpeg -i IN -vf bwdif -c:v libx264 -crf 16 OUT.mp4"
             )
         if self.untimed:
             notes.append(
@@ -235,13 +238,13 @@ def read_stream_start(
         if container is None:
             return None
         with container:
-            streams = container.streams.video
+            streams = list_films(container)
             if stream >= len(streams):
                 return None
             of = streams[stream]
             size = of.codec_context.width, of.codec_context.height
             about = size, of.frames, of.average_rate
-            frames = itertools.islice(container.decode(video=stream), count)
+            frames = itertools.islice(container.decode(of), count)
             pictures = [frame.to_ndarray(format="bgr24") for frame in frames]
     except (av.FFmpegError, OSError):
         return None  # reading the frames reports what is wrong with the file
@@ -267,11 +270,11 @@ def _decode_films(path: Path, container: Any, number: int, unread: list[int]) ->
             if film:
                 part = opened.enter_context(contextlib.closing(open_slice(path, start, end)))
                 container = open_container(path, part)
-                if container is None or len(container.streams.video) <= number:
+                if container is None or len(list_films(container)) <= number:
                     unread.append(film + 1)
                     continue
                 opened.enter_context(container)
-            stream = container.streams.video[number]
+            stream = list_films(container)[number]
             zero, last = stream.start_time or 0, begin
             for frame, is_sound in _decode_stream(container, stream):
                 shape = shape or _find_shape(frame)
@@ -309,12 +312,6 @@ def _decode_stream(container: Any, stream: Any) -> Iterator[tuple[Any, bool]]:
                     is_sound, sound_from = False, math.inf
                 is_sound = is_sound or _find_stamp(frame, 0) >= sound_from
                 yield frame, is_sound
-
-
-def find_quarter_turns(frame: Any) -> int:
-    """Returns by how many quarter turns, 0 to 3, a frame is turned counterclockwise to be shown."""
-    # A damaged matrix gives FFmpeg's answer for none, which is no angle.
-    return round(frame.rotation / 90) % 4 if abs(frame.rotation) <= 360 else 0
 
 
 def _find_shape(frame: Any) -> tuple[int, int, int]:
@@ -363,7 +360,7 @@ def open_container(path: Path, part: Any = None) -> Any:
     with contextlib.suppress(av.FFmpegError, OSError):
         container = av.open(source, metadata_errors="replace")
         # A stream whose codec is not known has no width.
-        if any(getattr(stream, "width", 0) > 0 for stream in container.streams.video[:1]):
+        if any(getattr(stream, "width", 0) > 0 for stream in list_films(container)[:1]):
             return container
         container.close()
     return None

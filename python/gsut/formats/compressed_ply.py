@@ -38,6 +38,7 @@ _SH_RANGE = 8.0  # a byte spans -4 to 4
 
 
 def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written:
+    """Writes Gaussians in Morton order, so that those of a chunk lie close together."""
     order = order_by_morton_code(gaussians.means)
     g = gaussians[order]
     log_scales = np.clip(g.log_scales, _LEAST_LOG_SCALE, _MOST_LOG_SCALE)
