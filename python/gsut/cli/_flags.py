@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -42,13 +43,16 @@ def add_force(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def check_first(scene: Any, force: bool, quiet: bool = False, matches: Any = None) -> list[Any]:
+def check_first(
+    scene: Any, force: bool, quiet: bool = False, matches: Any = None, mends: Sequence[str] = ()
+) -> list[Any]:
     """Runs the doctor's quick checks and prints what will make the result worse.
 
     Args:
         scene: that is looked at.
         force: go on although the data contradict themselves. quiet: only errors.
         matches: of `gsut.check.match_neighbours`, where they are known already.
+        mends: "poses" or "lens", where they are refined: an error in them is only a note.
 
     Returns:
         The findings.
@@ -59,10 +63,18 @@ def check_first(scene: Any, force: bool, quiet: bool = False, matches: Any = Non
     from gsut.check import check_scene, stop_at_errors
 
     findings = check_scene(scene, matches)
+    mended = [each for each in findings if each.severity == "error" and each.subject in mends]
     for finding in findings:
-        if not quiet and finding.severity != "info":
+        if quiet or finding.severity == "info":
+            continue
+        if finding in mended:
+            say(
+                f"note: {finding.where}: {finding.what}; they are refined by tracks of features "
+                "before the training, and its verdict says whether that mended them"
+            )
+        else:
             say(str(finding))
-    stop_at_errors(findings, force)
+    stop_at_errors([each for each in findings if each not in mended], force)
     return findings
 
 

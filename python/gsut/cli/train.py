@@ -143,7 +143,8 @@ def train_into(
         for note in filter(None, (*scene.notes, describe_resizing(scene, options), colors)):
             say(f"note: {note}")
     if not (resume and run.has_run()):
-        findings = check_first(scene, force, quiet, _match_neighbours(scene))
+        mends = [s for s in ("poses", "lens") if getattr(options, f"refine_{s}")]
+        findings = check_first(scene, force, quiet, _match_neighbours(scene), mends)
         keep_accusation(run, findings)
     elif run.is_finished() and not quiet:
         say(f"note: {run.path} is finished; nothing in it changes")

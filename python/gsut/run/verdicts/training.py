@@ -58,9 +58,13 @@ def judge_training(
     psnr = metrics.get("psnr")
     if psnr is None:
         return Verdict("usable", "no view was held out, so nothing was measured")
-    repeat = _NextCommand(data, f"{run}-2", options or TrainOptions(), division)
+    options = options or TrainOptions()
+    repeat = _NextCommand(data, f"{run}-2", options, division)
+    refinement = _describe_refinement(metrics, options, accused)
+    if refinement and _has_refined(metrics):
+        accused = None
     fault = _find_fault(metrics, repeat, accused)
-    reasons = [] if fault is None else [fault.what]
+    reasons = [*([] if fault is None else [fault.what]), *refinement]
     moving = metrics.get("moving_train", 0.0)
     if moving >= _MOVING:
         reasons.append(
@@ -81,6 +85,30 @@ def judge_training(
     advice = format_command(["gsut", "view", run]) if fault is None else fault.advice
     level = _name_level(metrics["detail_median"])
     return Verdict(level, _describe(metrics, psnr), tuple(reasons), advice)
+
+
+def _has_refined(metrics: dict[str, Any]) -> bool:
+    """Returns whether tracks of features gave new poses, and a new lens if requested."""
+    return metrics.get("refinement", {}).get("tracks", {}).get("refined", 0) > 0
+
+
+def _describe_refinement(
+    metrics: dict[str, Any], options: TrainOptions, accused: Mapping[str, str] | None
+) -> list[str]:
+    """Describes what refinement did to what the check accused; [] if it was not to be refined."""
+    if accused is None or not getattr(options, f"refine_{accused['subject']}"):
+        return []
+    tracks = metrics.get("refinement", {}).get("tracks", {})
+    wrong = f"the check before the training found that {accused['what']}"
+    if not _has_refined(metrics):
+        return [f"{wrong}; that was not mended: {tracks.get('note', 'nothing was refined')}"]
+    focal = tracks.get("focal_percent")
+    lens = "" if focal is None else f", the focal length changed by {focal:+.1f} %"
+    return [
+        f"{wrong}; tracks of features mended that: the poses of {tracks['refined']} views turned "
+        f"by {tracks['turned_degrees']:.2g} degrees and moved by {tracks['moved']:.2g} units "
+        f"(median){lens}, and observations are {tracks['error_px']:.2f} px off"
+    ]
 
 
 def _describe(metrics: dict[str, Any], psnr: float) -> str:
@@ -169,6 +197,9 @@ class _NextCommand:
     division: Sequence[str]
 
     def with_poses(self) -> str:
+        """Refines the poses, or finds new ones where refining was not enough."""
+        if self.options.refine_poses:
+            return format_command(["gsut", "poses", self.data, "-o", f"{self.out}-poses"])
         return self._write(["--refine-poses"], "refine_poses")
 
     def as_it_was(self) -> str:

@@ -277,8 +277,8 @@ def _fit_focal(lens: Camera, pose: np.ndarray, pixels: np.ndarray, points: np.nd
         pose, log = _core.exp_pose(change[:6]) @ pose, log + float(change[6])
         scaled = with_scaled_focal(lens, math.exp(log))
         p = points @ pose[:3, :3].T + pose[:3, 3]
-        by_p, by_params = scaled.project_jacobian(p)
-        by_focal = by_params[:, :, focal] @ scaled.params[focal]
+        by_p, by_params = scaled.project_jacobian(p, focal)
+        by_focal = by_params @ scaled.params[focal]
         off = pixels - scaled.project(p)[0]
         matrix = np.concatenate(
             [by_p, differentiate_by_turn(by_p, p), by_focal[:, :, None]], axis=2
