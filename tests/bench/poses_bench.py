@@ -164,8 +164,8 @@ def _compare_by_names(found: Row, root: Path, data: Path) -> PoseErrors:
 
 
 BENCHMARK = Benchmark(
-    help="gsut poses, with and without the lens, and pycolmap: errors against known poses, seconds; "
-    f"--sets {LENSES}: through a known lens of each family",
+    help="gsut poses, with and without the lens, and pycolmap: errors against known poses, "
+    f"seconds; --sets {LENSES}: through a known lens of each family",
     columns=(
         Column("data"),
         Column("lens"),

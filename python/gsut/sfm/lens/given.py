@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from gsut._core import SolveError
+from gsut.judge.checks import FOCAL_LIMIT
 from gsut.lens import Camera, find_focal_params, has_focal_length
-from gsut.run.verdicts import FOCAL_LIMITS
 from gsut.sfm.lens.covariance import estimate_lens_covariances
 from gsut.sfm.lens.prior import count_groups, estimate_focal_sigma, find_focal
 from gsut.sfm.mapping import Mapping
@@ -34,7 +34,8 @@ def check_given_lens(mapping: Mapping) -> Mapping:
     if lens is None or mapping.rig is not None or not len(solution.points):
         return mapping
     flags = np.zeros(len(lens.params), np.uint8)
-    flags[find_focal_params(lens)] = _TIED
+    focal = find_focal_params(lens)
+    flags[focal] = _TIED
     pairs = keep_most_distinct(mapping.pairs, _MATCHES)
     try:
         free = adjust_registered(
@@ -43,10 +44,10 @@ def check_given_lens(mapping: Mapping) -> Mapping:
         )  # fmt: skip
     except SolveError:  # nothing can be said
         return mapping
-    given, own = float(lens.params[0]), find_focal(free)
+    given, own = float(lens.params[focal[0]]), find_focal(free)
     gap = math.log(own / given)
     figures = {"px": given, "images_px": own, "images_sigma_percent": None, "agrees": True}
-    if abs(gap) <= FOCAL_LIMITS[0]:
+    if abs(gap) <= FOCAL_LIMIT:
         return mapping.add_findings({"given_focal": figures})
     sigma = _estimate_sigma(mapping, free, flags)
     if math.isfinite(sigma):
@@ -77,5 +78,5 @@ def _estimate_sigma(mapping: Mapping, free: Solution, flags: np.ndarray) -> floa
         (known,) = estimate_lens_covariances(free, flags, FEATURE_VARIANCE)
     except SolveError:  # the images do not determine it
         return math.inf
-    by_features = float(known.sigmas[0] / find_focal(free))
+    by_features = float(known.sigmas[flags > 0][0] / find_focal(free))
     return estimate_focal_sigma(mapping, free, flags, by_features)

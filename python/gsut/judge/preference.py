@@ -1,0 +1,159 @@
+"""Decides which of two structures explains the same matches better, beyond chance.
+
+A structure is any set of poses, lenses and shutters. Its score is the robust log-likelihood of
+matches: an error is normal with the noise of the features, or the match is wrong and lies anywhere.
+Free parameters cost half the logarithm of the observations each (Schwarz, "Estimating the dimension
+of a model", 1978). Matches of an image err together, so that chance is measured by leaving out
+images (Snijders and Borgatti, "Non-parametric standard errors and tests for network statistics",
+1999).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+
+# Standard deviations of its gain from which a rival wins: the one limit of all choices.
+SURE = 3.0
+_ROUNDS = 20  # of expectation and maximization, which settle in about ten
+_LEAST_NOISE = 0.01  # pixels: no feature is found better
+
+
+@dataclasses.dataclass(frozen=True)
+class Matches:
+    """Matches by which structures are compared: verified, but inliers of none of them chosen.
+
+    Args:
+        images: (M, 2) numbers of the two images of each match.
+        extent: pixels over which wrong matches spread, such as the diagonal of the images.
+    """
+
+    images: np.ndarray
+    extent: float
+
+
+@dataclasses.dataclass(frozen=True)
+class Structure:
+    """How well a structure explains matches.
+
+    Args:
+        errors: (M,) pixels by which the rays of each match miss each other; NaN: an image has no
+            pose, or the lens no ray.
+        free: number of its free parameters.
+        prior: logarithm of the density that is known beforehand of what it estimates; minus
+            infinity: impossible.
+    """
+
+    errors: np.ndarray
+    free: float = 0.0
+    prior: float = 0.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Preference:
+    """Which of two structures explains matches better.
+
+    Args:
+        winner: the rival only where it is better beyond chance, and in most images that it touches.
+        gain: of the rival, in nats, its free parameters paid for.
+        sigma: standard deviation of the gain over images.
+        share: of the images that the rival touches, those that gain.
+    """
+
+    winner: Structure
+    gain: float
+    sigma: float
+    share: float
+
+
+def prefer(current: Structure, rival: Structure, matches: Matches) -> Preference:
+    """Decides whether a rival explains the same matches better than the current structure."""
+    noise, fitting = estimate_noise(np.stack([current.errors, rival.errors]), matches.extent)
+    scores = [
+        score_errors(each.errors, noise, fitting, matches.extent) for each in (current, rival)
+    ]
+    gains = scores[1] - scores[0]
+    observations = max(2.0, fitting * len(gains))
+    cost = 0.5 * (rival.free - current.free) * math.log(observations)
+    gain = float(gains.sum()) - cost + _compare_priors(current, rival)
+    by_image, sigma = _measure_spread(gains, matches.images)
+    share = float(np.mean(by_image > 0)) if len(by_image) else 0.0
+    is_sure = gain > SURE * sigma and share > 0.5
+    wins = gain > 0 and (is_sure or math.isinf(gain))
+    return Preference(rival if wins else current, gain, sigma, share)
+
+
+def estimate_noise(errors: np.ndarray, extent: float) -> tuple[float, float]:
+    """Estimates the standard deviation of right matches' errors in pixels, and the share of these.
+
+    By expectation and maximization over a normal law and a uniform one.
+
+    Args:
+        errors: of any shape, pixels; those that are not finite count as wrong.
+        extent: see `Matches`.
+    """
+    known = errors[np.isfinite(errors)]
+    if not len(known):
+        return _LEAST_NOISE, 0.0
+    noise, fitting = max(float(np.median(known)), _LEAST_NOISE), 0.5
+    for _ in range(_ROUNDS):
+        density = fitting * _evaluate_normal(known, noise)
+        right = density / (density + (1 - fitting) / extent)
+        noise = math.sqrt(float(right @ known**2) / max(float(right.sum()), 1.0))
+        noise, fitting = max(noise, _LEAST_NOISE), float(right.sum()) / errors.size
+    return noise, fitting
+
+
+def score_errors(errors: np.ndarray, noise: float, fitting: float, extent: float) -> np.ndarray:
+    """Returns the logarithm of each error's density over that of a wrong match, in nats.
+
+    Args:
+        errors: pixels; those that are not finite are wrong matches.
+        noise, fitting: see `estimate_noise`.
+        extent: see `Matches`.
+    """
+    right = fitting * _evaluate_normal(np.where(np.isfinite(errors), errors, np.inf), noise)
+    return np.log(1 - fitting + right * extent)
+
+
+def _evaluate_normal(errors: np.ndarray, noise: float) -> np.ndarray:
+    """Returns the density of absolute errors under a normal law."""
+    return math.sqrt(2 / math.pi) / noise * np.exp(-0.5 * (errors / noise) ** 2)
+
+
+def _compare_priors(current: Structure, rival: Structure) -> float:
+    """Returns the logarithm of the rival's prior density over the current structure's."""
+    if current.prior == rival.prior:  # also where both are impossible
+        return 0.0
+    return rival.prior - current.prior
+
+
+def _measure_spread(gains: np.ndarray, images: np.ndarray) -> tuple[np.ndarray, float]:
+    """Measures the gain of each image that changes, and the standard deviation of their sum.
+
+    An image changes if its matches gain or lose a nat: less is no evidence.
+
+    Args:
+        gains: (M,) of the matches.
+        images: (M, 2) of each.
+    """
+    count = int(images.max(initial=-1)) + 1
+
+    def add_up(rows: np.ndarray, values: np.ndarray | None = None) -> np.ndarray:
+        """Adds values up, or counts, by each image of the matches."""
+        own = None if values is None else np.repeat(values, 2)
+        return np.bincount(rows.ravel(), own, minlength=count)
+
+    by_image = add_up(images, gains)
+    touched = np.abs(by_image) > 1
+    number = int(touched.sum())
+    if number < 3:  # the jackknife over pairs needs three images
+        return by_image[touched], math.inf
+    kept = touched[images].any(axis=1)
+    total, size = float(gains[kept].sum()), int(kept.sum())
+    left = np.maximum(size - add_up(images[kept])[touched], 1)
+    means = (total - by_image[touched]) / left
+    spread = float(np.sum((means - total / size) ** 2))
+    return by_image[touched], size * math.sqrt((number - 2) / (2 * number) * spread)
