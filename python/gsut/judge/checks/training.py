@@ -75,10 +75,10 @@ class NextCommand:
     division: Sequence[str]
 
     def with_poses(self) -> str:
-        """Refines the poses, or finds new ones where refining was not enough."""
-        if self.options.refine_poses:
-            return format_command(["gsut", "poses", self.data, "-o", f"{self.out}-poses"])
         return self._write(["--refine-poses"], "refine_poses")
+
+    def with_new_poses(self) -> str:
+        return format_command(["gsut", "poses", self.data, "-o", f"{self.out}-poses"])
 
     def as_it_was(self) -> str:
         return self._write([])
@@ -110,7 +110,9 @@ def _choose_step_on_wrong(q: TrainingQuality) -> str:
     """Names a step against wrong poses or a wrong lens."""
     if q.accused is not None and q.accused["subject"] == "lens":
         return f"{q.accused['advice']}; then {q.repeat.as_it_was()}"
-    return f"{format_command(['gsut', 'doctor', q.repeat.data])}, then {q.repeat.with_poses()}"
+    not_mended = q.accused is not None and q.repeat.options.refine_poses
+    then = q.repeat.with_new_poses() if not_mended else q.repeat.with_poses()
+    return f"{format_command(['gsut', 'doctor', q.repeat.data])}, then {then}"
 
 
 def _describe_between(q: TrainingQuality) -> str:
