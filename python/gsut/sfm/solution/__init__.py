@@ -3,8 +3,10 @@
 from gsut.sfm.solution.adjustment import (
     CENTER,
     CENTER_SIGMA,
+    FREE,
     LOSS_SCALE,
     MIN_INLIERS,
+    TIED,
     Adjustment,
     LensFlags,
     ReadoutMotion,
@@ -12,6 +14,7 @@ from gsut.sfm.solution.adjustment import (
     StatedPlaces,
     index_lenses,
 )
+from gsut.sfm.solution.evidence import compare_solutions
 from gsut.sfm.solution.look_alikes import LookAlikes, find_look_alikes, separate_look_alikes
 from gsut.sfm.solution.models import find_further_models, solve_left_out
 from gsut.sfm.solution.result import (
@@ -38,9 +41,11 @@ __all__ = [
     "CENTER",
     "CENTER_SIGMA",
     "FEATURE_VARIANCE",
+    "FREE",
     "LOSS_SCALE",
     "MIN_ANGLE_DEGREES",
     "MIN_INLIERS",
+    "TIED",
     "Adjustment",
     "LensFlags",
     "LookAlikes",
@@ -51,6 +56,7 @@ __all__ = [
     "StatedPlaces",
     "adjust_poses",
     "adjust_registered",
+    "compare_solutions",
     "evaluate_observations",
     "find_further_models",
     "find_look_alikes",
