@@ -16,7 +16,6 @@ from gsut.data.rigs import Rig
 from gsut.data.scene import capture_state
 from gsut.output_folder import claim_folder
 from gsut.sfm.lens import (
-    find_zooms,
     free_center,
     guess_lenses,
     judge_lens,
@@ -317,8 +316,7 @@ def _map_photographs(mapping: Mapping) -> Mapping:
     except SolveError as error:
         advice = "let the lens be estimated: --unknown-lens"
         raise explain_failure(error, mapping.features, mapping.pairs, advice) from None
-    zooms = find_zooms(solution, mapping.features, mapping.raw, mapping.options)
-    return mapping.replace(solution=solution).add_findings(zooms=zooms)
+    return mapping.replace(solution=solution)
 
 
 def _separate_places(mapping: Mapping) -> Mapping:

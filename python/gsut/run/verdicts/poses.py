@@ -65,7 +65,6 @@ class PosesQuality:
             a global shutter.
         motion: a sentence on a motion that determines too little; empty: none.
         only_turned: whether that motion is a turn on the spot.
-        zooms: at which the images were taken.
         look_alikes: a sentence on places taken for one another, or None.
         pictures: faults of the pictures themselves.
     """
@@ -84,7 +83,6 @@ class PosesQuality:
     readout_turn: float | None = None
     motion: str = ""
     only_turned: bool = False
-    zooms: int = 1
     look_alikes: str | None = None
     pictures: Sequence[Fault] = ()
 
@@ -109,11 +107,6 @@ def judge_poses(quality: PosesQuality) -> Verdict:
         ),
         *([] if q.look_alikes is None else [Fault(2, q.look_alikes, _SEPARATE_PLACES)]),
         *q.pictures,
-        Fault(
-            max(1, lost) if q.zooms > 1 else 0,
-            f"the images were taken at {q.zooms} zooms",
-            "put the images of each zoom into a folder of their own",
-        ),
         *_judge_registered(q, lost),
         Fault(
             count_exceeded(turn, _READOUT_TURN),
