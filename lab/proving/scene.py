@@ -13,8 +13,8 @@ import numpy as np
 import gsut
 from gsut._core import interpolate_pose
 from gsut.evaluate.detail import measure_detail
+from gsut.judge.checks import combine_verdicts
 from gsut.run import Verdict
-from gsut.run.verdicts import combine_verdicts
 from lab.proving.capture import Capture
 from lab.proving.commands import run_training
 from lab.proving.truth import ON_ITS_SIDE, classify_scene

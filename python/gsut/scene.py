@@ -19,6 +19,7 @@ from gsut.capture import Capture, capture
 from gsut.data import load_dataset
 from gsut.data.scene import choose_inner_views, hold_out_views
 from gsut.evaluate import write_scene_page
+from gsut.judge.checks import combine_verdicts, judge_pictures
 from gsut.output_folder import claim_folder
 from gsut.run import (
     RunFile,
@@ -30,7 +31,6 @@ from gsut.run import (
     Verdict,
 )
 from gsut.run.options import fit_to_views
-from gsut.run.verdicts import combine_verdicts, judge_pictures
 from gsut.scene_folder import POSES, STATE, SceneFolder
 from gsut.sfm import (
     PosesLog,

@@ -67,3 +67,6 @@ CENTER_OPEN = (
     0.25  # relative, of the prior's standard deviation where images say nothing; worst 0.18
 )
 CENTER_HELD_PX = 1e-4  # a principal point by a prior of 1e-8 px; worst 2e-7
+LEARNED_MAPS = 1e-4  # outputs of the network, float32 in another order; worst 2.3e-5
+LEARNED_FEATURES = 1e-5  # scores and descriptors of keypoints; worst 7e-7
+LEARNED_COSINE = 0.999  # median, of descriptors in bytes with those of the network; worst 0.9997

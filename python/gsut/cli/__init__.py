@@ -201,7 +201,10 @@ class _Version(argparse.Action):
         import cv2
         import numpy as np
 
+        from gsut.sfm.learned import describe_weights
+
         print(f"python: {sys.version.split()[0]}, numpy {np.__version__}, OpenCV {cv2.__version__}")
+        print(f"learned features: {describe_weights()}")
         parser.exit()
 
 

@@ -8,7 +8,7 @@ from gsut.run.options import BlockOptions, SceneOptions, TrainOptions
 from gsut.run.progress import Progress
 from gsut.run.staged_progress import StagedProgress, StageFollower
 from gsut.run.stopwatch import Stopwatch
-from gsut.run.verdicts import Verdict
+from gsut.run.verdict import Verdict
 
 __all__ = [
     "BlockOptions",

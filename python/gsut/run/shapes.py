@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from gsut.run.verdicts import Verdict
+from gsut.run.verdict import Verdict
 
 _NOTHING = type(None)
 _NUMBER = (int, float, _NOTHING)

@@ -9,12 +9,16 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from gsut import _core
 from gsut._core import Shutter, SolveError
+from gsut.data import list_some
 from gsut.data.images import read_header
 from gsut.data.rigs import Rig
 from gsut.data.scene import capture_state
 from gsut.output_folder import claim_folder
+from gsut.sfm.learned import add_learned_features
 from gsut.sfm.lens import (
     free_center,
     guess_lenses,
@@ -156,8 +160,7 @@ def _map(mapping: Mapping) -> Mapping:
 
     What each stage may change beside its findings is said behind it.
     """
-    mapping = _map_photographs(mapping)  # photographs' lenses, pairs, lens_free, solution
-    mapping = register_left_out(mapping)  # pairs, solution
+    mapping = _map_connected(mapping)  # photographs' lenses, pairs, lens_free, solution; features
     mapping = _separate_places(mapping)  # pairs, solution
     mapping = try_other_starts(mapping)  # solution
     mapping = register_left_out(mapping)  # pairs, solution: another start may see more of them
@@ -277,7 +280,6 @@ def _find_matches(mapping: Mapping, stages: Stages) -> Mapping:
     mapping = mapping.add_findings({"lens": "known" if is_lens_known else "estimated"})
     if is_lens_known:
         pairs = verify_matches(mapping.images, raw, options, log.follow_pairs("verifying"))
-        require_overlap(mapping.images, pairs, is_lens_known=True)
         mapping = mapping.replace(pairs=pairs)
     else:
         mapping = mapping.replace(photographs=guess_lenses(photographs, options.fov))
@@ -299,10 +301,38 @@ def _expect_stages(mapping: Mapping) -> None:
     mapping.log.expect([stage for stage in stages if conditions.get(stage, True)])
 
 
+def _map_connected(mapping: Mapping) -> Mapping:
+    """Estimates poses and points, by learned features too where those of SIFT leave images out."""
+    failure: SolveError | None = None
+    plain, absent, notes = mapping, np.ones(len(mapping.photographs), bool), mapping.log.notes
+    before = list(notes)
+    try:
+        plain = register_left_out(_map_photographs(mapping))
+        absent = ~plain.solved.registered
+    except SolveError as error:
+        failure = error
+    more = add_learned_features(mapping, absent) if absent.any() else None
+    if more is not None:
+        after, notes[:] = list(notes), before
+        with contextlib.suppress(SolveError):
+            joined = register_left_out(_map_photographs(more))
+            if joined.solved.num_registered > np.count_nonzero(~absent):
+                found = np.flatnonzero(absent & joined.solved.registered)
+                names = [mapping.photographs.names[i] for i in found]
+                joined.log.note(f"learned features (XFeat) connected {list_some(names)}")
+                return joined.add_findings({"learned": names})
+        notes[:] = after
+    if failure is not None:
+        raise failure
+    return plain
+
+
 def _map_photographs(mapping: Mapping) -> Mapping:
     """Estimates poses and points: on a rig, through known lenses, or together with the lens."""
     if mapping.found.figures["lens"] == "estimated":
         mapping = search_lenses(mapping)
+    else:
+        require_overlap(mapping.images, mapping.pairs, is_lens_known=True)
     if mapping.rig is not None:
         return solve_rig(mapping)
     if mapping.solution is not None:

@@ -18,6 +18,7 @@ from gsut._core import InputError, SolveError
 from gsut.run import RunFolder, read_checkpoint, write_checkpoint
 from gsut.sfm import PosesLog, PosesOptions, PosesResult, run_mapping, start_mapping
 from gsut.sfm.mapping import Mapping
+from gsut.sfm.matches import require_overlap
 from gsut.sfm.photographs import Images
 from gsut.sfm.rig import adjust_rig_near_places
 from gsut.sfm.solution import OnStep, solve_poses
@@ -78,6 +79,7 @@ def _grow_poses(mapping: Mapping, folder: Path) -> Mapping:
         folder: holds the state.
     """
     photographs, on_step = mapping.photographs, mapping.log.follow_steps("mapping")
+    require_overlap(mapping.images, mapping.pairs, is_lens_known=True)
     video = Video(photographs, photographs.lenses, mapping.features, mapping.pairs, mapping.options)
     kept = _read_kept(folder / _STATE)
     if kept is None:

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from gsut.evaluate.detail import measure_detail, measure_details
+from gsut.judge.checks.training import GOOD, POOR, SHIFT_GAIN
 from gsut.metrics import psnr
-from gsut.run.verdicts.training import _SHIFT_GAIN, GOOD, POOR
 
 
 @pytest.fixture(scope="module")
@@ -78,5 +78,5 @@ def test_shift_brings_back_detail_of_a_turned_camera_and_none_of_a_blurred_or_sp
         found[name] = shifted - plain
     print(found)
     assert found.pop("shifted") > GOOD - POOR
-    assert max(found.values()) < _SHIFT_GAIN
+    assert max(found.values()) < SHIFT_GAIN
     assert measure_details(photograph[:3, :3], true[:3, :3], ALL[:3, :3]) == (1.0, 1.0)

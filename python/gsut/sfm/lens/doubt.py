@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from gsut._core import SolveError
+from gsut.judge.checks import FOCAL_LIMIT
 from gsut.lens import Camera, LensProfile, measure_field_of_view
-from gsut.run.verdicts import FOCAL_LIMITS
 from gsut.sfm.lens.center import describe_center
 from gsut.sfm.lens.covariance import estimate_lens_covariances
 from gsut.sfm.lens.critical_motion import find_critical_motion
@@ -54,7 +54,7 @@ def describe_doubt(found: Findings) -> str | None:
     """Describes what leaves an estimated lens open; None if it is known well enough."""
     if found.focal_sigma is None:
         return None
-    if found.focal_sigma <= FOCAL_LIMITS[0] and found.motion is None:
+    if found.focal_sigma <= FOCAL_LIMIT and found.motion is None:
         return None
     known = f"to {200 * found.focal_sigma:.1f} %" if found.focal_sigma < 1 else "not at all"
     if found.motion:

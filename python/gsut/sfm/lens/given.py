@@ -8,8 +8,8 @@ import math
 import numpy as np
 
 from gsut._core import SolveError
+from gsut.judge.checks import FOCAL_LIMIT
 from gsut.lens import Camera, find_focal_params, has_focal_length
-from gsut.run.verdicts import FOCAL_LIMITS
 from gsut.sfm.lens.covariance import estimate_lens_covariances
 from gsut.sfm.lens.prior import find_focal
 from gsut.sfm.mapping import Mapping
@@ -45,7 +45,7 @@ def check_given_lens(mapping: Mapping) -> Mapping:
         free = _adjust(mapping, pairs, flags)
         (known,) = estimate_lens_covariances(free, flags, FEATURE_VARIANCE)
         given, own = float(lens.params[0]), find_focal(free)
-        agrees = abs(math.log(own / given)) <= FOCAL_LIMITS[0]
+        agrees = abs(math.log(own / given)) <= FOCAL_LIMIT
         if not agrees:
             held = _adjust(mapping, pairs, None)
             found = compare_solutions(held, free, mapping.features, pairs, more_free=1)

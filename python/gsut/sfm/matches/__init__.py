@@ -19,7 +19,7 @@ from gsut.sfm.matches.selection import (
 from gsut.sfm.matches.verification import (
     ROLLING_ERROR,
     explain_failure,
-    find_picture_faults,
+    measure_pictures,
     require_overlap,
     verify_matches,
 )
@@ -35,9 +35,9 @@ __all__ = [
     "choose_connected_pairs",
     "explain_failure",
     "find_frame_numbers",
-    "find_picture_faults",
     "keep_most_distinct",
     "match_images",
+    "measure_pictures",
     "require_overlap",
     "select_pairs",
     "select_verified_pairs",

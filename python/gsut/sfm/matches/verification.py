@@ -9,7 +9,7 @@ import numpy as np
 from gsut import _core
 from gsut._core import SolveError
 from gsut.data import list_some
-from gsut.run.verdicts import Fault, count_exceeded
+from gsut.judge.checks import PICTURE_CHECKS, PictureQuality, find_faults
 from gsut.sfm.matches.matching import BATCH, OnPairs, PairMatches, RawMatches
 from gsut.sfm.photographs import Features, Images, PosesOptions
 
@@ -30,8 +30,6 @@ _POOR = 2  # severity of the faults that are named
 _DARK = 25  # mean grey value of the features of an underexposed picture, of 255
 _BRIGHT = 235  # mean grey value of the features of an overexposed picture, of 255
 _FEW_FEATURES = 500  # of a picture that is blurred, dark or without texture
-# Share of bad pictures above which a result is usable at most, and above which it is poor.
-_BAD_SHARES = (0.25, 0.75)
 _FEWEST_MATCHES = 20  # verified, of a pair that is used
 # Factor on the largest errors under a rolling shutter, until velocities are estimated.
 ROLLING_ERROR = 12.0
@@ -215,7 +213,7 @@ def explain_failure(
         advice: what else may help.
         has_only_turned: whether the camera turned on the spot.
     """
-    faults = find_picture_faults(features)
+    faults = find_faults(PICTURE_CHECKS, measure_pictures(features))
     reasons = [f"{f.what}: {f.advice}" for f in faults if f.severity == _POOR]
     if has_only_turned and not reasons:  # the few matches of dark or blurred images fit any motion
         reasons.append(
@@ -232,30 +230,23 @@ def explain_failure(
     return SolveError("; ".join([str(error), *reasons, f"or {advice}"]))
 
 
-def find_picture_faults(
+def measure_pictures(
     features: Sequence[Features], posed: np.ndarray | None = None
-) -> list[Fault]:
-    """Lists what is wrong with the exposure and sharpness of the images.
+) -> PictureQuality:
+    """Counts the images that are badly exposed, and those with few features.
 
     Args:
         features: of all images.
         posed: (images,) bool; an image that has a pose had features enough, however few: small
             pictures have fewer. None if no image has a pose.
     """
-    total = len(features)
-    posed = np.zeros(total, bool) if posed is None else posed
-    few = sum(len(f) < _FEW_FEATURES for f, has in zip(features, posed, strict=True) if not has)
+    posed = np.zeros(len(features), bool) if posed is None else posed
     grey = np.array([float(f.colors.mean()) for f in features if len(f)])
-    dark, bright = int((grey < _DARK).sum()), int((grey > _BRIGHT).sum())
-    return [
-        Fault(
-            count_exceeded((dark + bright) / max(1, total), _BAD_SHARES),
-            f"{dark} of {total} images are too dark, {bright} too bright",
-            "film with more light and a fixed exposure",
+    return PictureQuality(
+        images=len(features),
+        dark=int((grey < _DARK).sum()),
+        bright=int((grey > _BRIGHT).sum()),
+        featureless=sum(
+            len(f) < _FEW_FEATURES for f, has in zip(features, posed, strict=True) if not has
         ),
-        Fault(
-            count_exceeded(few / max(1, total), _BAD_SHARES),
-            f"{few} of {total} images have few features: blurred, dark or without texture",
-            "hold the camera still, film more slowly or with more light",
-        ),
-    ]
+    )

@@ -1,6 +1,7 @@
 """Photographs with what is known of their lenses, their features, and the options of a run."""
 
 from gsut.sfm.photographs.features import (
+    DESCRIPTOR_SCALE,
     Features,
     ImageLines,
     Images,
@@ -8,6 +9,7 @@ from gsut.sfm.photographs.features import (
     collect_features,
     detect_features,
     make_no_features,
+    read_features,
 )
 from gsut.sfm.photographs.listing import (
     FEWEST_IMAGES,
@@ -23,6 +25,7 @@ from gsut.sfm.photographs.options import PosesOptions, add_lens_readout
 from gsut.sfm.photographs.stages import FOLDER, Stages, digest_key
 
 __all__ = [
+    "DESCRIPTOR_SCALE",
     "FEWEST_IMAGES",
     "FOLDER",
     "TANGENT",
@@ -42,5 +45,6 @@ __all__ = [
     "find_photographs",
     "list_photographs",
     "make_no_features",
+    "read_features",
     "require_central",
 ]

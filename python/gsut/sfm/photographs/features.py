@@ -179,7 +179,11 @@ def make_no_features() -> Features:
 
 
 def read_features(
-    path: Path, camera: Camera | None, options: PosesOptions, mask_path: Path | None = None
+    path: Path,
+    camera: Camera | None,
+    options: PosesOptions,
+    mask_path: Path | None = None,
+    detect: Callable[[np.ndarray, np.ndarray | None], Features] | None = None,
 ) -> Features:
     """Reads an image and detects its features.
 
@@ -188,6 +192,7 @@ def read_features(
         camera: its lens, which leaves out features where it has no ray; None: unknown.
         options: see PosesOptions.
         mask_path: image that is white where pixels are valid, or None.
+        detect: finds features in pixels (H, W, 3), where (H, W) is True; None: SIFT.
 
     Raises:
         DatasetError: the image cannot be read.
@@ -200,9 +205,8 @@ def read_features(
             f"{path} is {width} x {height}, the lens is for {camera.width} x {camera.height}; "
             "give the lens file of these images"
         )
-    return detect_features(
-        pixels, _find_valid_pixels(camera, alpha, mask_path, width, height), options
-    )
+    valid = _find_valid_pixels(camera, alpha, mask_path, width, height)
+    return detect(pixels, valid) if detect else detect_features(pixels, valid, options)
 
 
 def detect_features(

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 
 from gsut.data import list_some
+from gsut.judge.checks import FEW_AGREE, PosesQuality, has_bent, judge_poses
 from gsut.run import Verdict
-from gsut.run.verdicts import FEW_AGREE, PosesQuality, has_bent, judge_poses
 from gsut.sfm.lens import TURNED, describe_doubt
 from gsut.sfm.mapping import Findings, Mapping
-from gsut.sfm.matches import find_picture_faults
+from gsut.sfm.matches import measure_pictures
 from gsut.sfm.photographs import Features
 from gsut.sfm.solution import Solution
 
@@ -22,27 +23,26 @@ def judge_solution(solution: Solution, features: Sequence[Features], found: Find
         features: of all images.
         found: beside the poses.
     """
-    total, camera = len(solution.names), solution.cameras[0]
+    camera = solution.cameras[0]
     motion, alike = found.motion or "", found.look_alikes
     held_by_few = set(found.held_by_few) & set(solution.registered_names)
     return judge_poses(
         PosesQuality(
-            images=total,
+            **dataclasses.asdict(measure_pictures(features, solution.registered)),
             registered=solution.num_registered,
             held_by_few=len(held_by_few),
             points=len(solution.points),
             median_px=solution.median,
             diagonal_px=math.hypot(camera.width, camera.height),
             halves_px=found.halves_px or (0.0, 0.0),
-            agreement=found.agreement,
+            agreement=1.0 if found.agreement is None else found.agreement,
             contradicted=found.contradicted,
             focal_sigma=found.focal_sigma,
             focal_gap=found.focal_gap,
             readout_turn=solution.readout_turn,
             motion=motion,
             only_turned=motion.startswith(TURNED),
-            look_alikes=None if alike is None else alike.explain(),
-            pictures=find_picture_faults(features, solution.registered),
+            look_alikes="" if alike is None else alike.explain(),
         )
     )
 

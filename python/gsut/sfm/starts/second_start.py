@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from gsut._core import SolveError
-from gsut.run.verdicts import has_bent
+from gsut.judge.checks import has_bent
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.solution import (
     Adjustment,

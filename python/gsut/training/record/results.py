@@ -16,10 +16,10 @@ from gsut.evaluate import (
 )
 from gsut.formats import NO_BACKGROUND, name_origin, prepare_for_file, save_ply
 from gsut.gaussians import Gaussians
+from gsut.judge.checks import judge_training
 from gsut.refine import evaluate_aligned, write_refined
 from gsut.render import Light
 from gsut.run import RunFile, RunFolder, TrainOptions
-from gsut.run.verdicts import judge_training
 from gsut.training.loop import TrainingLoop
 from gsut.training.photograph import Movers
 from gsut.training.record.trained_run import TrainedRun

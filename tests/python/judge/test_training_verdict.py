@@ -8,9 +8,9 @@ import pytest
 
 from gsut.check import Finding
 from gsut.cli.train import keep_accusation
+from gsut.judge.checks import judge_training
 from gsut.run import BlockOptions, RunFile, RunFolder, TrainOptions, Verdict
 from gsut.run.options import add_option_flags, collect_given
-from gsut.run.verdicts import judge_training
 
 GOOD = {
     "psnr": 30.1, "psnr_color_corrected": 30.3, "detail_median": 0.9, "detail_min": 0.85,

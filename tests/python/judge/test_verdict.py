@@ -5,7 +5,8 @@ import json
 
 import pytest
 
-from gsut.run.verdicts import Fault, Verdict, combine_verdicts, judge_pictures
+from gsut.judge.checks import Check, combine_verdicts, judge, judge_pictures
+from gsut.run import Verdict
 
 GOOD = Verdict("good", "61 of 61 images registered")
 POOR = Verdict("poor", "12 dB", ("the poses do not fit",), "gsut doctor DATA")
@@ -30,12 +31,13 @@ def test_what_is_inferred_lowers_what_was_measured_by_one_level_at_most():
 
 @pytest.mark.parametrize(("is_visible", "level"), [(True, "good"), (False, "usable")])
 def test_what_held_out_views_show_stays_a_reason_and_lowers_nothing(is_visible, level):
-    fault = Fault(2, "the focal length is known only to 12 %", "--fov", is_visible)
-    poses = Verdict.from_faults("poses of 17 of 17 images", [fault], "gsut train")
+    says = "the focal length is known only to 12 %"
+    check = Check("focal length", lambda _: 7.0, 2.0, 6.0, lambda _: says, "--fov", is_visible)
+    poses = judge([check], None, "poses of 17 of 17 images", "gsut train")
     assert poses.level == "poor"  # of the poses themselves
     poses = Verdict.from_dict(json.loads(json.dumps(poses.as_dict())))
     found = combine_verdicts(GOOD, poses)
-    assert found.level == level and found.reasons == (fault.what,)
+    assert found.level == level and found.reasons == (says,)
 
 
 def test_an_unknown_level_is_refused():

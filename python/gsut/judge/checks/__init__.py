@@ -1,0 +1,31 @@
+"""Judges results by tables of checks."""
+
+from gsut.judge.checks.check import Check, combine_verdicts, find_faults, judge
+from gsut.judge.checks.pictures import PICTURE_CHECKS, PictureQuality, judge_pictures
+from gsut.judge.checks.poses import (
+    FEW_AGREE,
+    FOCAL_LIMIT,
+    POSES_CHECKS,
+    PosesQuality,
+    has_bent,
+    judge_poses,
+)
+from gsut.judge.checks.training import TRAINING_CHECKS, judge_training
+
+__all__ = [
+    "FEW_AGREE",
+    "FOCAL_LIMIT",
+    "PICTURE_CHECKS",
+    "POSES_CHECKS",
+    "TRAINING_CHECKS",
+    "Check",
+    "PictureQuality",
+    "PosesQuality",
+    "combine_verdicts",
+    "find_faults",
+    "has_bent",
+    "judge",
+    "judge_pictures",
+    "judge_poses",
+    "judge_training",
+]

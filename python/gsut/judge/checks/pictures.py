@@ -1,0 +1,68 @@
+"""Checks of pictures: those that a capture chose, and those that poses are found for."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+from gsut.judge.checks.check import Check, judge
+from gsut.run import Verdict
+
+# Share of bad pictures above which the others no longer make up for them.
+_MANY = 0.25
+_MOST = 0.75  # the same above which a result is poor
+
+
+@dataclasses.dataclass(frozen=True)
+class PictureQuality:
+    """What pictures are like for whoever finds poses for them.
+
+    Attributes:
+        images: number of all.
+        dark, bright: numbers of underexposed and overexposed ones.
+        featureless: number of those without a pose that have few features.
+    """
+
+    images: int
+    dark: int
+    bright: int
+    featureless: int
+
+
+PICTURE_CHECKS: tuple[Check[PictureQuality], ...] = (
+    Check(
+        "exposure", lambda q: (q.dark + q.bright) / max(1, q.images), _MANY, _MOST,
+        lambda q: f"{q.dark} of {q.images} images are too dark, {q.bright} too bright",
+        "film with more light and a fixed exposure",
+    ),
+    Check(
+        "features", lambda q: q.featureless / max(1, q.images), _MANY, _MOST,
+        lambda q: f"{q.featureless} of {q.images} images have few features: blurred, dark or "
+        "without texture",
+        "hold the camera still, film more slowly or with more light",
+    ),
+)  # fmt: skip
+
+
+def _count_blurred(rows: list[Mapping[str, Any]]) -> int:
+    return sum(bool(row.get("blurred")) for row in rows)
+
+
+CAPTURE_CHECKS: tuple[Check[list[Mapping[str, Any]]], ...] = (
+    Check(
+        "sharpness", lambda rows: _count_blurred(rows) / max(1, len(rows)), _MANY, 1.0,
+        lambda rows: f"{_count_blurred(rows)} of them blurred",
+        "film more slowly, or with more light",
+    ),
+)  # fmt: skip
+
+
+def judge_pictures(figures: dict[str, Any]) -> Verdict:
+    """Judges the pictures that a capture chose; whether they are enough, held-out views show.
+
+    Args:
+        figures: of a capture: "frames", a row for each picture, and "size".
+    """
+    rows, (width, height) = figures["frames"], figures["size"]
+    return judge(CAPTURE_CHECKS, rows, f"{len(rows)} pictures of {width} x {height}", "")

@@ -1,0 +1,218 @@
+"""Checks of camera poses: how many were found, how well they fit, what leaves them open."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+from gsut.judge.checks.check import DIAGONAL, GOOD_PX, USABLE_PX, Check, judge
+from gsut.judge.checks.pictures import PICTURE_CHECKS, PictureQuality
+from gsut.run import Verdict
+
+# Relative error of the focal length that shifts a picture by GOOD_PX (root mean square).
+FOCAL_LIMIT = 0.02
+_PROBABLE = 0.6745  # standard deviations that an error exceeds as often as not
+# Share of the verified matches that observe one point, below which a given lens is doubted: the
+# right one mostly has more, and a wrong one leaves a third; and below which poses are poor.
+FEW_AGREE = 0.4
+_HARDLY_AGREE = 0.25
+_SOME_LOST = 0.05  # share of the images without a pose above which a result is usable at most
+_MANY_LOST = 0.4  # the same above which it is poor
+_FEWEST = 6  # images with a pose: with fewer, hardly anything would show that poses are wrong
+# Root mean square turn of images during their readout, in radians, that is more than hands turn a
+# camera: the scene may have bent (Albl et al., "Degeneracies in rolling shutter SfM", ECCV 2016).
+_FAST_TURN = 0.087
+_IMPOSSIBLE_TURN = 0.2  # the same that is more than any motion
+# Share of the matches that agree below which a scene with fast turns has bent.
+_AGREEING_FAST = 0.87
+
+_ESTIMATE_LENS = "let the lens be estimated: --unknown-lens"
+_ADD_BETWEEN = "take more pictures between them, each showing two thirds of the one before"
+_ADD_LINKS = "add pictures between those that are connected and the others"
+_ADD_TURNED = "add images, some turned by 90 degrees about the axis of the lens"
+
+
+@dataclasses.dataclass(frozen=True)
+class PosesQuality(PictureQuality):
+    """What the verdict on poses depends on, beside what the images are like.
+
+    Attributes:
+        registered, points: numbers of images with a pose and of points.
+        held_by_few: number of the images with a pose that few points hold.
+        median_px: median residual in pixels; diagonal_px: the images' diagonal.
+        halves_px: half of the difference of poses adjusted with either half of the points, pixels
+            that nine and six in ten pairs of images stay below; 0 if not measured.
+        agreement: share of the matches that observe one point; 1 if not measured.
+        focal_gap: relative difference of the focal length that the images determine from that of a
+            given lens; 0: none beyond doubt.
+        contradicted: share of the pairs of images whose matches the poses reject as a whole.
+        focal_sigma: standard deviation of the focal length over it; None: the lens was given.
+        readout_turn: root mean square turn of the images during their readout, in radians; None:
+            a global shutter.
+        motion: a sentence on a motion that determines too little; empty: none.
+        only_turned: whether that motion is a turn on the spot.
+        look_alikes: a sentence on places taken for one another; empty: none.
+    """
+
+    registered: int
+    points: int
+    median_px: float
+    diagonal_px: float
+    halves_px: tuple[float, float]
+    agreement: float
+    focal_sigma: float | None
+    held_by_few: int = 0
+    focal_gap: float = 0.0
+    contradicted: float = 0.0
+    readout_turn: float | None = None
+    motion: str = ""
+    only_turned: bool = False
+    look_alikes: str = ""
+
+    @property
+    def scale(self) -> float:
+        """Returns the pixels of a picture with the diagonal `DIAGONAL` for one of these."""
+        return DIAGONAL / self.diagonal_px
+
+    @property
+    def lost(self) -> float:
+        """Returns the share of the images without a pose."""
+        return (self.images - self.registered) / max(1, self.images)
+
+    @property
+    def lens_px(self) -> float:
+        """Returns by how many pixels the probable error of the focal length shifts a picture."""
+        return convert_focal_error(_PROBABLE * (self.focal_sigma or 0.0))
+
+    @property
+    def error_px(self) -> float:
+        """Returns the pixels that focal length and points leave open.
+
+        Of nine in ten pairs of images, as a good result needs it; from USABLE_PX on, of six in ten.
+        The halves are adjusted through one lens, so that they do not show its error.
+        """
+        most, many = (math.hypot(self.scale * px, self.lens_px) for px in self.halves_px)
+        return max(min(most, USABLE_PX), many)
+
+
+def convert_focal_error(error: float) -> float:
+    """Converts a relative error of the focal length to pixels of a picture."""
+    return GOOD_PX / FOCAL_LIMIT * abs(error)
+
+
+def _describe_error(q: PosesQuality) -> str:
+    """Describes which of focal length and points leaves poses open."""
+    sigma, px = q.focal_sigma or 0.0, q.halves_px[0]
+    off = math.hypot(px, q.lens_px / q.scale)
+    if not math.isfinite(px):
+        return "either half of the points loses images"
+    if q.lens_px <= q.scale * px:
+        return f"either half of the points gives poses {off:.1f} px off"
+    if q.lens_px <= GOOD_PX:
+        return f"the focal length and either half of the points leave poses {off:.1f} px open"
+    known = f"known only to {200 * sigma:.1f} %" if 2 * sigma <= 1 else "not determined"
+    return f"the focal length is {known}"
+
+
+def _choose_step_on_error(q: PosesQuality) -> str:
+    if q.lens_px > q.scale * q.halves_px[0]:
+        return "give the lens by --camera or --fov, or turn the camera more while you walk"
+    return _choose_step_on_matches(q) if q.agreement < FEW_AGREE else _ADD_BETWEEN
+
+
+def _choose_step_on_matches(q: PosesQuality) -> str:
+    """Names a step where matches fit neither lens nor poses."""
+    is_doubtful = q.focal_sigma is None and q.readout_turn is None
+    return _ESTIMATE_LENS if is_doubtful else _choose_step_on_pairs(q)
+
+
+def _choose_step_on_pairs(q: PosesQuality) -> str:
+    """Names a step where pairs of images fit each other and not the poses."""
+    if q.readout_turn is not None:
+        return _ADD_TURNED
+    return (
+        "give --shutter rolling if the camera moved fast, or put up something that sets places "
+        "apart which look alike"
+    )
+
+
+POSES_CHECKS: tuple[Check[PosesQuality], ...] = (
+    Check(
+        "turn on the spot", lambda q: q.only_turned, 0, 0,
+        lambda q: q.motion.split(":")[0], lambda q: q.motion.rpartition(": ")[2],
+    ),
+    Check(
+        "critical motion", lambda q: q.lens_px if q.motion else 0.0, GOOD_PX, math.inf,
+        lambda q: q.motion.split(":")[0], lambda q: q.motion.rpartition(": ")[2],
+        is_visible=True,
+    ),
+    Check(
+        "look-alikes", lambda q: bool(q.look_alikes), 0, 0, lambda q: q.look_alikes,
+        "put the pictures of each place into a folder of their own, or add pictures of the way "
+        "from one to the other, and put up something that sets them apart",
+    ),
+    *PICTURE_CHECKS,
+    Check(
+        "images without a pose", lambda q: q.lost, _SOME_LOST, _MANY_LOST,
+        lambda q: f"{q.images - q.registered} of {q.images} images could not be connected with the "
+        "others",
+        _ADD_LINKS,
+    ),
+    Check(
+        "images that few points hold",
+        lambda q: (q.images - q.registered + q.held_by_few) / max(1, q.images)
+        if q.held_by_few else 0.0,
+        _SOME_LOST, _MANY_LOST,
+        lambda q: f"{q.held_by_few} of {q.images} images are held by few points", _ADD_LINKS,
+    ),
+    Check(
+        "number of views", lambda q: _FEWEST - q.registered, 0, 0,
+        lambda q: f"only {q.registered} views",
+        "take 60 pictures or more, walking around what you want to see",
+    ),
+    Check(
+        "turn during the readout", lambda q: q.readout_turn or 0.0, _FAST_TURN, _IMPOSSIBLE_TURN,
+        lambda q: f"images seem to turn by {math.degrees(q.readout_turn or 0):.0f} degrees while "
+        "they are read",
+        _ADD_TURNED,
+    ),
+    Check(  # right poses reject hardly any, wrong ones mostly a fifth and more
+        "rejected pairs", lambda q: q.contradicted, 0.05, 0.05,
+        lambda q: f"the poses reject all matches of {100 * q.contradicted:.0f} % of the pairs of "
+        "images",
+        _choose_step_on_pairs,
+    ),
+    Check(
+        "agreement", lambda q: 1 - q.agreement, 1 - FEW_AGREE, 1 - _HARDLY_AGREE,
+        lambda q: f"only {100 * q.agreement:.0f} % of the matches agree in all images together",
+        _choose_step_on_matches, is_visible=True,
+    ),
+    Check(
+        "given focal length", lambda q: convert_focal_error(q.focal_gap), GOOD_PX, USABLE_PX,
+        lambda q: f"the focal length differs by {100 * q.focal_gap:+.0f} % from that of the given "
+        "lens",
+        _ESTIMATE_LENS,
+    ),
+    Check(
+        "open error", lambda q: q.error_px, GOOD_PX, USABLE_PX,
+        _describe_error, _choose_step_on_error, is_visible=True,
+    ),
+)  # fmt: skip
+
+
+def judge_poses(quality: PosesQuality) -> Verdict:
+    """Judges how good poses are, with the reasons and what to do next."""
+    what = (
+        f"poses of {quality.registered} of {quality.images} images, {quality.points:,} points, off "
+        f"by {quality.median_px:.2f} px in the median"
+    )
+    return judge(POSES_CHECKS, quality, what, "gsut train")
+
+
+def has_bent(readout_turn: float | None, agreement: float | None) -> bool:
+    """Returns whether motion during the readout has probably bent the scene; see `PosesQuality`."""
+    if readout_turn is None or agreement is None:
+        return False
+    return readout_turn > _IMPOSSIBLE_TURN or (
+        readout_turn > _FAST_TURN and agreement < _AGREEING_FAST
+    )

@@ -1,0 +1,117 @@
+"""Adds learned features to the photographs that SIFT does not connect."""
+
+from __future__ import annotations
+
+import itertools
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+
+import numpy as np
+
+from gsut import _core
+from gsut._core import InputError
+from gsut.sfm.learned.detection import detect_learned
+from gsut.sfm.learned.weights import INSTALL, Weights, find_weights, read_weights
+from gsut.sfm.mapping import Mapping
+from gsut.sfm.matches import MAX_DISTANCE, RawMatches, verify_matches
+from gsut.sfm.photographs import Features, make_no_features, read_features
+
+_MOST_IMAGES = 40  # up to which all pairs with an image that is left out are compared
+_NO_RATIO = 1.0  # learned descriptors of neighbours are alike, so that Lowe's test says little
+_TURNS = 4  # quarter turns in which an image may have been stored
+_TURN_FEATURES = 1000  # of an image, the best, that show how it is turned
+# Distance of descriptors up to which matches count that show how an image is turned: at the right
+# turn dozens are as near, at others a handful.
+_NEAR = 0.5
+
+
+def add_learned_features(mapping: Mapping, absent: np.ndarray) -> Mapping | None:
+    """Adds learned features to all images, and their matches to all pairs.
+
+    SIFT's features and matches stay as they are, with the same numbers. An image that is left out
+    is turned upright where that gives more near matches: the network knows upright pictures.
+
+    Args:
+        mapping: with features and matches.
+        absent: (N,) bool, the images that SIFT leaves out.
+
+    Returns:
+        The run with more features and matches, verified where the lenses are known; None where
+        the network is not installed, which a note says, for a rig, or where the images are many.
+    """
+    if len(absent) > _MOST_IMAGES or mapping.rig is not None:
+        return None
+    path = find_weights()
+    if path is None:
+        mapping.log.note(
+            f"SIFT does not connect {np.count_nonzero(absent)} of {len(absent)} images; learned "
+            f"features often do where photographs are far apart: {INSTALL}"
+        )
+        return None
+    learned = _read_all(mapping, read_weights(path), absent)
+    pairs = np.stack(np.triu_indices(len(absent), 1), axis=1)
+    matches = _match([features.descriptors for features in learned], pairs)
+    first = [len(features) for features in mapping.features]  # number of each first learned feature
+    before = dict(zip(map(tuple, mapping.raw.pairs), mapping.raw.matches, strict=True))
+    joined = [
+        np.concatenate([before.get(tuple(pair), own[:0]), own + np.take(first, pair)])
+        for pair, own in zip(pairs, matches, strict=True)
+    ]
+    more = mapping.replace(
+        features=[_join(*both) for both in zip(mapping.features, learned, strict=True)],
+        raw=RawMatches(pairs, [each.astype(np.int32) for each in joined]),
+        pairs=[],
+    )
+    if not mapping.photographs.are_lenses_known:
+        return more
+    on_pairs = mapping.log.follow_pairs("verifying")
+    return more.replace(pairs=verify_matches(more.images, more.raw, mapping.options, on_pairs))
+
+
+def _read_all(mapping: Mapping, weights: Weights, absent: np.ndarray) -> list[Features]:
+    """Finds the learned features of all images, each turned as matches best."""
+    photographs, options, log = mapping.photographs, mapping.options, mapping.log
+
+    def read(image: int, turns: int) -> Features:
+        try:
+            return read_features(
+                photographs.paths[image], photographs.cameras[image], options,
+                photographs.masks[image], partial(detect_learned, weights, turns=turns),
+            )  # fmt: skip
+        except InputError:  # a note said so when SIFT looked at it
+            return make_no_features()
+
+    images = range(len(photographs))
+    turned = list(itertools.product(np.flatnonzero(absent), range(1, _TURNS)))
+    with ThreadPoolExecutor(options.threads or _core.num_threads()) as pool:
+        upright = list(pool.map(read, images, itertools.repeat(0)))
+        log.show("learned", len(upright), len(upright) + len(turned), "upright")
+        others = dict(zip(turned, pool.map(lambda key: read(*key), turned), strict=True))
+    found = list(upright)
+    for image in np.flatnonzero(absent):
+        tries = [upright[image], *(others[image, turns] for turns in range(1, _TURNS))]
+        rest = [features for other, features in enumerate(found) if other != image]
+        counts = [_count_matches(features, rest) for features in tries]
+        found[image] = tries[int(np.argmax(counts))]
+    log.show("learned", len(images) + len(turned), len(images) + len(turned), "")
+    return found
+
+
+def _count_matches(features: Features, others: list[Features]) -> int:
+    """Counts the matches of an image's best features with those of the others."""
+    descriptors = [each.descriptors[:_TURN_FEATURES] for each in (features, *others)]
+    pairs = np.array([(0, other) for other in range(1, len(descriptors))], np.int64)
+    return sum(map(len, _match(descriptors, pairs, _NEAR)))
+
+
+def _match(
+    descriptors: list[np.ndarray], pairs: np.ndarray, distance: float = MAX_DISTANCE
+) -> list[np.ndarray]:
+    """Matches learned features of pairs (P, 2) of images that are each other's nearest."""
+    return list(_core.match_pairs(descriptors, pairs, _NO_RATIO, distance))
+
+
+def _join(first: Features, second: Features) -> Features:
+    """Puts the features of an image behind others of it."""
+    pairs = zip(vars(first).values(), vars(second).values(), strict=True)
+    return Features(*(np.concatenate(pair) for pair in pairs))

