@@ -58,7 +58,6 @@ from gsut.sfm.solution import (
     Adjustment,
     Solution,
     find_further_models,
-    find_look_alikes,
     measure_agreement,
     separate_look_alikes,
     solve_poses,
@@ -357,7 +356,8 @@ def _separate_places(mapping: Mapping) -> Mapping:
     options, photographs, solution = mapping.options, mapping.photographs, mapping.solved
     times = find_frame_numbers(photographs.names, photographs.frames)
     if mapping.rig is not None:
-        return mapping.add_findings(look_alikes=find_look_alikes(solution, times, WINDOW))
+        alike = separate_look_alikes(solution, mapping.pairs, None, times, WINDOW)[2]
+        return mapping.add_findings(look_alikes=alike)
 
     def solve_again(kept: list[PairMatches]) -> Solution:
         images = dataclasses.replace(mapping.images, cameras=solution.cameras)

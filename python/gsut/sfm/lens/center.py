@@ -11,14 +11,13 @@ import numpy as np
 from gsut._core import SolveError
 from gsut.judge import SURE
 from gsut.lens import Camera
-from gsut.sfm.lens.candidates import explain_implausible
+from gsut.sfm.lens.candidates import FREE, explain_implausible
 from gsut.sfm.lens.covariance import LensCovariance
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import PairMatches, keep_most_distinct
 from gsut.sfm.solution import (
     CENTER,
     CENTER_SIGMA,
-    FREE,
     Adjustment,
     Solution,
     adjust_registered,

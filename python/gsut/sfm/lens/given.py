@@ -10,13 +10,13 @@ import numpy as np
 from gsut._core import SolveError
 from gsut.judge.checks import FOCAL_LIMIT
 from gsut.lens import Camera, find_focal_params, has_focal_length
+from gsut.sfm.lens.candidates import TIED
 from gsut.sfm.lens.covariance import estimate_lens_covariances
 from gsut.sfm.lens.prior import find_focal
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import PairMatches, choose_connected_pairs, keep_most_distinct
 from gsut.sfm.solution import (
     FEATURE_VARIANCE,
-    TIED,
     Adjustment,
     LensFlags,
     Solution,

@@ -10,7 +10,7 @@ import numpy as np
 
 from gsut._core import SolveError
 from gsut.lens import Camera, convert_camera
-from gsut.sfm.lens.candidates import explain_implausible, list_lens_ladder
+from gsut.sfm.lens.candidates import FREE, TIED, explain_implausible, list_lens_ladder
 from gsut.sfm.lens.ranking import LensRanking, RankedLens
 from gsut.sfm.lens.trials import run_trials
 from gsut.sfm.mapping import Mapping
@@ -25,8 +25,6 @@ from gsut.sfm.matches import (
     verify_matches,
 )
 from gsut.sfm.solution import (
-    FREE,
-    TIED,
     Adjustment,
     OnStep,
     Solution,
@@ -181,9 +179,9 @@ def _choose_model(
     trials.share = 0.75
     lens, flags = chosen[0].cameras[0], chosen[1].copy()
     flags[list(_ASPECT)] = FREE
-    (found,) = trials.adjust(start, [(lens, flags)], more)
-    if found is not None and _is_better(found, chosen[0], _BETTER_ASPECT):
-        chosen = found, flags
+    (stretched,) = trials.adjust(start, [(lens, flags)], more)
+    if stretched is not None and _is_better(stretched, chosen[0], _BETTER_ASPECT):
+        chosen = stretched, flags
     return chosen
 
 

@@ -3,10 +3,8 @@
 from gsut.sfm.solution.adjustment import (
     CENTER,
     CENTER_SIGMA,
-    FREE,
     LOSS_SCALE,
     MIN_INLIERS,
-    TIED,
     Adjustment,
     LensFlags,
     ReadoutMotion,
@@ -15,7 +13,7 @@ from gsut.sfm.solution.adjustment import (
     index_lenses,
 )
 from gsut.sfm.solution.evidence import compare_solutions
-from gsut.sfm.solution.look_alikes import LookAlikes, find_look_alikes, separate_look_alikes
+from gsut.sfm.solution.look_alikes import LookAlikes, separate_look_alikes
 from gsut.sfm.solution.models import find_further_models, solve_left_out
 from gsut.sfm.solution.result import (
     FEATURE_VARIANCE,
@@ -41,11 +39,9 @@ __all__ = [
     "CENTER",
     "CENTER_SIGMA",
     "FEATURE_VARIANCE",
-    "FREE",
     "LOSS_SCALE",
     "MIN_ANGLE_DEGREES",
     "MIN_INLIERS",
-    "TIED",
     "Adjustment",
     "LensFlags",
     "LookAlikes",
@@ -59,7 +55,6 @@ __all__ = [
     "compare_solutions",
     "evaluate_observations",
     "find_further_models",
-    "find_look_alikes",
     "index_lenses",
     "measure_agreement",
     "measure_diagonal",

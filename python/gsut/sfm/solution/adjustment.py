@@ -18,8 +18,6 @@ CENTER = (2, 3)
 # Standard deviation of a coordinate of a principal point from the middle of its picture, over the
 # diagonal: of the lens database's cameras.
 CENTER_SIGMA = 0.012
-FREE = 1  # flag of a parameter that is estimated by itself
-TIED = 2  # flag of the focal lengths, which change by one factor
 LOSS_SCALE = 1.5  # of the Cauchy loss, in medians of the residuals
 MIN_INLIERS = 15  # fewest of an image while the structure grows
 

@@ -13,13 +13,13 @@ from gsut.judge import (
     Preference,
     Structure,
     measure_angular_errors,
-    measure_pixels_per_radian,
     prefer,
 )
 from gsut.sfm.matches import PairMatches
 from gsut.sfm.photographs import Features
 from gsut.sfm.solution.result import Solution, measure_diagonal
 
+_TINY = 1e-12  # length of a baseline that has no direction
 _MOMENTS = 16  # of a rolling readout at which poses are taken: neighbouring poses hardly differ
 
 
@@ -78,20 +78,40 @@ def measure_match_errors(
         features: of all images.
         pairs: whose matches count, one after the other.
     """
-    rays, poses = [], []
+    rays, by_ray = [], []
     for image, (camera, own) in enumerate(zip(solution.cameras, features, strict=True)):
         seen, valid = camera.unproject(own.pixels)
         seen[~(valid & solution.registered[image])] = np.nan
         rays.append(seen)
+        by_ray.append(camera.project_jacobian(seen, with_params=False)[0])
     moments, world_from_camera = _find_moments(solution, features), _list_poses(solution)
     errors = [np.zeros(0)]
     for pair in pairs:
         ends = list(zip((pair.first, pair.second), pair.matches.T, strict=True))
         seen = np.stack([rays[image][column] for image, column in ends])
-        poses = [world_from_camera[image][moments[image][column]] for image, column in ends]
-        errors.append(measure_angular_errors(seen, np.stack(poses)))
-    scale = measure_pixels_per_radian(solution.cameras[int(np.argmax(solution.registered))])
-    return scale * np.concatenate(errors)
+        poses = np.stack([world_from_camera[i][moments[i][column]] for i, column in ends])
+        moves = np.stack([by_ray[image][column] for image, column in ends])
+        errors.append(
+            measure_angular_errors(seen, poses) * _measure_scales(seen, poses, moves).mean(axis=0)
+        )
+    return np.concatenate(errors)
+
+
+def _measure_scales(rays: np.ndarray, poses: np.ndarray, by_ray: np.ndarray) -> np.ndarray:
+    """Measures (2, M) pixels a radian across the epipolar planes, where each ray is seen.
+
+    Args:
+        rays: (2, M, 3) in camera axes.
+        poses: (2, M, 4, 4) world_from_camera.
+        by_ray: (2, M, 2, 3) derivatives of the pixels by the rays.
+    """
+    base = poses[1, :, :3, 3] - poses[0, :, :3, 3]
+    in_camera = np.einsum("smji,mj->smi", poses[..., :3, :3], base)
+    normal = np.cross(in_camera, rays)
+    size = np.linalg.norm(normal, axis=2, keepdims=True)
+    across = np.einsum("smij,smj->smi", by_ray, normal / np.maximum(size, _TINY))
+    anywhere = np.linalg.norm(by_ray, axis=(2, 3)) / np.sqrt(2)
+    return np.where(size[..., 0] > _TINY, np.linalg.norm(across, axis=2), anywhere)
 
 
 def _list_poses(solution: Solution) -> np.ndarray:
