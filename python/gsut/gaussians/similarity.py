@@ -44,7 +44,7 @@ def transform_gaussians(
     proper = r.shape == (3, 3) and bool((np.abs(r) < 2).all())
     proper = proper and np.allclose(r @ r.T, np.eye(3), atol=_ORTHOGONAL)
     if not proper or np.linalg.det(r) < 0:
-        raise InputError(f"a rotation is needed, found {r.tolist()}")
+        raise InputError(f"a rotation and a scale above 0 are needed, found {r.tolist()}")
     scale = check_number(scale, "scale", LEAST_SCALE, 1 / LEAST_SCALE)
     shift, g = check_vector(translation, "translation"), gaussians
     return dataclasses.replace(
@@ -85,10 +85,11 @@ def rotate_upright(up: np.typing.ArrayLike) -> np.ndarray:
     Raises:
         InputError: it is no direction.
     """
-    a = check_direction(up, "up")
-    axis, cosine = np.cross(a, _UP), float(a @ _UP)
-    if cosine < -1 + 1e-9:
+    direction = check_direction(up, "up")
+    axis, cosine = np.cross(direction, _UP), float(direction @ _UP)
+    if cosine < -1 + 1e-9:  # opposite: half a turn about any horizontal axis, here x
         return np.diag([1.0, -1.0, -1.0])
+    # Rodrigues' formula, of an axis as long as the angle's sine.
     x, y, z = axis
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.eye(3) + cross + cross @ cross / (1 + cosine)
