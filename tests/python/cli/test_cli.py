@@ -121,7 +121,7 @@ def test_list_of_commands_imports_none_of_them_and_has_their_lines():
     assert done.stdout.splitlines()[-1] == "[]"
     for command in COMMANDS:
         line = importlib.import_module(f"gsut.cli.{command}").HELP
-        assert re.search(rf"^ +{command} +{re.escape(line)}$", done.stdout, re.MULTILINE)
+        assert re.search(rf"^ +{command}\s+{re.escape(line)}$", done.stdout, re.MULTILINE)
 
 
 @pytest.mark.parametrize("command", ["train", "poses"])
