@@ -35,7 +35,7 @@ _NAMES = {
     "poses or the lens are wrong": "poses or lens",
     "wrong poses or a wrong lens": "poses or lens",
     "too few photographs": "few photographs",
-    ": something moved": "movers",
+    "something moved": "movers",
     "steps and Gaussians are few": "steps or Gaussians",
     "moved past": "movers",
 }
