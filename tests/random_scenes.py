@@ -230,3 +230,11 @@ def pose_differences(
     """(6,) slopes of a loss of a pose with respect to a twist of it from the left."""
     twist = np.zeros(6)
     return central_differences(lambda: loss(gsut.exp_pose(twist) @ pose), twist, step=step)
+
+
+def subtract_poses(one, other):
+    """Returns (6,) the change of centre (world axes) and small rotation vector (camera axes)."""
+    turn = one[:3, :3] @ other[:3, :3].T
+    vector = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
+    centers = [-pose[:3, :3].T @ pose[:3, 3] for pose in (one, other)]
+    return np.concatenate([centers[0] - centers[1], vector / 2])

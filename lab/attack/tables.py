@@ -29,8 +29,6 @@ from small_videos import (
     write_video,
 )
 
-RUN_FILES = ("options.json", "metrics.json", "scene.ply", "environment.json", "history.jsonl",
-             "checkpoint.npz")  # fmt: skip
 # Of a run: the files that the command reads, whose damage must be reported.
 OF_RUN: dict[tuple[str, ...], tuple[str, ...]] = {
     ("eval", "run"): ("options.json", "environment.json", "scene.ply"),

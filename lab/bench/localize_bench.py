@@ -10,8 +10,8 @@ import numpy as np
 
 import gsut
 from gsut.refine.pixel_rows import compute_square
-from gsut.refine.query import subtract_poses
 from gsut.render import choose_solid
+from random_scenes import subtract_poses
 from tests.bench.harness import HALL, Benchmark, Column, Option, Row, Settings
 
 _COVERED = 14.16  # of a chi-square law of three degrees of freedom: 99.73 %, as 3 sigma of one

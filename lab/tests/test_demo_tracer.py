@@ -27,7 +27,7 @@ OPENCV_FROM_OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory):
+def demo_folder(tmp_path_factory):
     """A small demo data set."""
     folder = tmp_path_factory.mktemp("demo") / "data"
     assert make_demo_scene(folder, VIEWS, TEST_VIEWS, SIZE, SEED, progress=False) == folder
@@ -35,8 +35,8 @@ def made(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def transforms(made):
-    return json.loads((made / "transforms.json").read_text())
+def transforms(demo_folder):
+    return json.loads((demo_folder / "transforms.json").read_text())
 
 
 def poses_of(transforms):
@@ -60,22 +60,24 @@ def read_image(path):
     return cv2.imread(str(path))[..., ::-1]
 
 
-def test_demo_scene_same_seed_same_bytes(made, tmp_path):
+def test_demo_scene_same_seed_same_bytes(demo_folder, tmp_path):
     again, other = tmp_path / "again", tmp_path / "other"
     make_demo_scene(again, VIEWS, TEST_VIEWS, SIZE, SEED, progress=False)
     make_demo_scene(other, VIEWS, TEST_VIEWS, SIZE, SEED + 1, progress=False)
-    files = sorted(path.relative_to(made) for path in made.rglob("*") if path.is_file())
+    files = sorted(
+        path.relative_to(demo_folder) for path in demo_folder.rglob("*") if path.is_file()
+    )
     assert len(files) == 2 * VIEWS + 3 * TEST_VIEWS + 4
     assert files == sorted(path.relative_to(again) for path in again.rglob("*") if path.is_file())
     for file in files:
-        assert (made / file).read_bytes() == (again / file).read_bytes(), file
+        assert (demo_folder / file).read_bytes() == (again / file).read_bytes(), file
     different = [
-        file for file in files if (made / file).read_bytes() != (other / file).read_bytes()
+        file for file in files if (demo_folder / file).read_bytes() != (other / file).read_bytes()
     ]
     assert len(different) == len(files) - 2  # all but the mask and the geometry
 
 
-def test_demo_scene_transforms_are_complete(made, transforms):
+def test_demo_scene_transforms_are_complete(demo_folder, transforms):
     assert transforms["camera_model"] == "OPENCV_FISHEYE"
     camera = demo_views.make_camera(SIZE)
     keys = ("fl_x", "fl_y", "cx", "cy", "k1", "k2", "k3", "k4")
@@ -88,34 +90,34 @@ def test_demo_scene_transforms_are_complete(made, transforms):
     names = [frame["file_path"] for frame in transforms["frames"]]
     assert sorted(names) == sorted(train + test)
     for frame in transforms["frames"]:
-        assert read_image(made / frame["file_path"]).shape == (SIZE, SIZE, 3)
-        assert (made / frame["mask_path"]).is_file()
+        assert read_image(demo_folder / frame["file_path"]).shape == (SIZE, SIZE, 3)
+        assert (demo_folder / frame["mask_path"]).is_file()
         assert ("depth_file_path" in frame) == (frame["file_path"] in test)
         rotation = np.array(frame["transform_matrix"])[:3, :3]
         np.testing.assert_allclose(
             rotation @ rotation.T, np.eye(3), rtol=0, atol=lab_tolerances.DEMO_ROTATION
         )
         assert np.linalg.det(rotation) > 0
-    assert (made / transforms["ply_file_path"]).is_file()
-    assert not list(made.parent.glob("*.partial"))
+    assert (demo_folder / transforms["ply_file_path"]).is_file()
+    assert not list(demo_folder.parent.glob("*.partial"))
 
 
-def test_demo_scene_mask_is_the_image_circle(made):
-    mask = cv2.imread(str(made / "mask.png"), cv2.IMREAD_UNCHANGED)
+def test_demo_scene_mask_is_the_image_circle(demo_folder):
+    mask = cv2.imread(str(demo_folder / "mask.png"), cv2.IMREAD_UNCHANGED)
     rays, _ = demo_views.make_camera(SIZE).rays()
     # Two pixels inside the rim and two outside: unmasked and masked, whatever the corners.
     pixel = math.radians(190.0) / SIZE
     angle = np.nan_to_num(np.arccos(np.clip(rays[..., 2], -1, 1)), nan=np.inf)
     assert np.all(mask[angle < demo_views.MAX_ANGLE - 2 * pixel] == 255)
     assert np.all(mask[angle == np.inf] == 0)
-    for path in (made / "images").iterdir():
+    for path in (demo_folder / "images").iterdir():
         image = read_image(path)
         assert image[mask == 255].mean() > 30  # a picture,
         assert image[0, 0].max() == 0  # black around it
 
 
-def test_demo_scene_points_lie_on_surfaces_with_their_colour(made, transforms):
-    points, colors = read_points(made / "points3D.ply")
+def test_demo_scene_points_lie_on_surfaces_with_their_colour(demo_folder, transforms):
+    points, colors = read_points(demo_folder / "points3D.ply")
     assert len(points) == 4000
     hall, camera = make_hall(SEED), demo_views.make_camera(SIZE)
     off_surface = np.full(len(points), np.inf)
@@ -128,7 +130,7 @@ def test_demo_scene_points_lie_on_surfaces_with_their_colour(made, transforms):
         pixels, valid = camera.project(in_camera)
         exact = dataset.measure_distances(hall, pose, in_camera / away[:, None])
         off_surface = np.minimum(off_surface, np.where(valid, np.abs(exact - away), np.inf))
-        image = np.pad(read_image(made / name).astype(int), ((2, 2), (2, 2), (0, 0)))
+        image = np.pad(read_image(demo_folder / name).astype(int), ((2, 2), (2, 2), (0, 0)))
         column, row = np.clip(np.nan_to_num(pixels), 0, SIZE - 1).astype(int).T
         for dy in (1, 2, 3):  # the perturbed point may project beside its pixel
             for dx in (1, 2, 3):
@@ -139,14 +141,14 @@ def test_demo_scene_points_lie_on_surfaces_with_their_colour(made, transforms):
     assert np.mean(off_color == 0) > lab_tolerances.DEMO_POINT_COLOR_SHARE
 
 
-def test_demo_scene_depth_never_exceeds_the_room_and_mostly_meets_it(made, transforms):
+def test_demo_scene_depth_never_exceeds_the_room_and_mostly_meets_it(demo_folder, transforms):
     rays, valid = demo_views.make_camera(SIZE).rays()
     checked = 0
     for name, pose in poses_of(transforms).items():
         if name not in transforms["test_filenames"]:
             continue
         depth = cv2.imread(
-            str(made / name.replace("images", "depth")), cv2.IMREAD_UNCHANGED
+            str(demo_folder / name.replace("images", "depth")), cv2.IMREAD_UNCHANGED
         )  # millimetres
         assert depth.dtype == np.uint16
         assert np.all(depth[~valid] == 0)
@@ -162,12 +164,14 @@ def test_demo_scene_depth_never_exceeds_the_room_and_mostly_meets_it(made, trans
     assert checked == TEST_VIEWS
 
 
-def test_demo_scene_labels_name_the_surface_at_the_depth_of_each_pixel(made, transforms):
+def test_demo_scene_labels_name_the_surface_at_the_depth_of_each_pixel(demo_folder, transforms):
     rays, valid = demo_views.make_camera(SIZE).rays()
     hall = make_hall(SEED)
     checked, found = 0, set()
     for name, pose in poses_of(transforms).items():
-        labels = cv2.imread(str(made / name.replace("images", "labels")), cv2.IMREAD_UNCHANGED)
+        labels = cv2.imread(
+            str(demo_folder / name.replace("images", "labels")), cv2.IMREAD_UNCHANGED
+        )
         assert labels.dtype == np.uint8
         assert np.all((labels == dataset.NO_LABEL) == ~valid)
         found |= set(labels[valid].tolist())
@@ -184,22 +188,24 @@ def test_demo_scene_labels_name_the_surface_at_the_depth_of_each_pixel(made, tra
 
 
 @pytest.mark.parametrize("central", [True, False])
-def test_demo_scene_colour_is_the_same_from_another_view(central, made, tmp_path):
+def test_demo_scene_colour_is_the_same_from_another_view(central, demo_folder, tmp_path):
     # Depth of a test view carries its pixels into the training views that see the same point.
     hall, camera = make_hall(SEED), demo_views.make_camera(SIZE)
     if not central:  # a window of three metres, every ray of which starts elsewhere
         camera = Camera("orthographic", [SIZE / 3, SIZE / 3, SIZE / 2, SIZE / 2], SIZE, SIZE)
-        made = make_demo_scene(tmp_path / "data", VIEWS, TEST_VIEWS, SIZE, SEED, False, camera)
+        demo_folder = make_demo_scene(
+            tmp_path / "data", VIEWS, TEST_VIEWS, SIZE, SEED, False, camera
+        )
     (rays, _), origins = camera.rays(), camera.origins()
-    mask = cv2.imread(str(made / "mask.png"), cv2.IMREAD_UNCHANGED) > 0
-    transforms = json.loads((made / "transforms.json").read_text())
+    mask = cv2.imread(str(demo_folder / "mask.png"), cv2.IMREAD_UNCHANGED) > 0
+    transforms = json.loads((demo_folder / "transforms.json").read_text())
     poses = poses_of(transforms)
     differences = []
     for name in transforms["test_filenames"]:
-        depth = cv2.imread(str(made / name.replace("images", "depth")), cv2.IMREAD_UNCHANGED)
+        depth = cv2.imread(str(demo_folder / name.replace("images", "depth")), cv2.IMREAD_UNCHANGED)
         points = origins[mask] + rays[mask] * (depth[mask] / 1000.0)[:, None]
         points = points @ poses[name][:3, :3].T + poses[name][:3, 3]
-        color = read_image(made / name)[mask].astype(int)
+        color = read_image(demo_folder / name)[mask].astype(int)
         for other in transforms["train_filenames"]:
             in_camera = (points - poses[other][:3, 3]) @ poses[other][:3, :3]
             pixels, seen = camera.project(in_camera)
@@ -210,7 +216,7 @@ def test_demo_scene_colour_is_the_same_from_another_view(central, made, tmp_path
             seen &= np.abs(exact - away) < 0.02
             column, row = np.clip(np.nan_to_num(pixels), 0, SIZE - 1).astype(int).T
             seen &= mask[row, column]
-            there = read_image(made / other)[row, column].astype(int)
+            there = read_image(demo_folder / other)[row, column].astype(int)
             differences.append(np.abs(there - color).mean(axis=1)[seen])
     together = np.concatenate(differences)
     assert len(together) > 5000

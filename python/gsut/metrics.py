@@ -158,25 +158,6 @@ def ring_psnr(
     return rings
 
 
-def fit_color_transform(
-    image: ArrayLike, truth: ArrayLike, mask: ArrayLike | None = None
-) -> np.ndarray:
-    """Fits the affine colour transform that brings an image closest to the truth.
-
-    Args:
-        image, truth: (H, W, 3) images.
-        mask: (H, W), non-zero where a pixel counts; None: all count.
-
-    Returns:
-        (3, 4) matrix M: truth is about M[:, :3] @ colour + M[:, 3], least squares over unmasked
-        pixels (the smallest change of that kind where colours do not determine it).
-
-    Raises:
-        InputError: shapes or dtypes are wrong, the mask leaves no pixel, values not finite.
-    """
-    return _fit_transform(*_select_channels(image, truth, mask))
-
-
 def _select_channels(
     image: ArrayLike, truth: ArrayLike, mask: ArrayLike | None
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -200,7 +181,12 @@ def _select_channels(
 
 
 def _fit_transform(colors: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    """Fits as `fit_color_transform` does, to the result of `_select_channels`."""
+    """Fits the affine colour transform that brings the colours (3, N) closest to the wanted ones.
+
+    Returns:
+        (3, 4) matrix M: wanted is about M[:, :3] @ colors + M[:, 3], in least squares; the
+        smallest change of that kind where the colours do not determine it.
+    """
     # Solved for the change, so that colours which determine nothing (one flat colour) stay.
     design = np.concatenate([colors, np.ones((1, colors.shape[1]))])
     normal, side = (np.einsum("in,jn->ij", design, each) for each in (design, wanted - colors))

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
 FORWARD_STAGES = ("project", "records", "bin", "forward")
 BACKWARD_STAGES = ("backward", "gradients")
-SCALAR_FORWARD_STAGES = ("project", "lists", "forward")
 # A measurement is repeated until both are reached, or for this long.
 _LEAST_REPEATS = 3
 _MOST_SECONDS = 8.0

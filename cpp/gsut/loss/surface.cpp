@@ -20,7 +20,7 @@ constexpr double kCovered = 0.5;  // least alpha of a pixel whose distance says 
 constexpr double kEdge = 0.1;
 
 template <class T>
-Vector3d Row(const T* values, std::int64_t pixel) {
+Vector3d VectorAt(const T* values, std::int64_t pixel) {
   return Map<const Eigen::Matrix<T, 3, 1>>(values + 3 * pixel).template cast<double>();
 }
 
@@ -45,7 +45,7 @@ class Pixels {
     EachRow([&](std::int64_t row) {
       for (std::int64_t p = row * render_.width; p < (row + 1) * render_.width; ++p) {
         const double alpha = static_cast<double>(render_.alpha[p]);
-        if (!(alpha >= kCovered) || Row(render_.directions, p).isZero(0.0)) continue;
+        if (!(alpha >= kCovered) || VectorAt(render_.directions, p).isZero(0.0)) continue;
         distance_[static_cast<std::size_t>(p)] = static_cast<double>(render_.depth[p]) / alpha;
         known[static_cast<std::size_t>(row)] += HasKnown(p);
       }
@@ -85,7 +85,7 @@ class Pixels {
     return render_.known != nullptr && render_.known[pixel] > T(0);
   }
   Vector3d PointAt(std::int64_t pixel) const {
-    return Row(render_.origins, pixel) + Distance(pixel) * Row(render_.directions, pixel);
+    return VectorAt(render_.origins, pixel) + Distance(pixel) * VectorAt(render_.directions, pixel);
   }
   // Whether two pixels have a distance and no edge lies between them.
   bool AreOne(std::int64_t a, std::int64_t b) const {
@@ -128,11 +128,11 @@ class Pixels {
     const double length = across.norm();
     if (!(length > 0.0)) return;
     // Towards the camera: a mirrored image turns the other way round.
-    const double sign = across.dot(Row(render_.directions, p)) > 0.0 ? -1.0 : 1.0;
+    const double sign = across.dot(VectorAt(render_.directions, p)) > 0.0 ? -1.0 : 1.0;
     // Normals are blended as colours 0.5 + 0.5 n over 0.5, see facing_axes: 2 value - 1 is their
     // sum.
     const Vector3d normal = sign / length * across;
-    const Vector3d sum = 2.0 * Row(render_.normals, p) - Vector3d::Ones();
+    const Vector3d sum = 2.0 * VectorAt(render_.normals, p) - Vector3d::Ones();
     const double weight = weights_.normal * each_;
     terms->normal += weight * (alpha - sum.dot(normal));
     out_.alpha[p] += static_cast<T>(weight);
@@ -157,7 +157,7 @@ class Pixels {
     if (row + 1 < render_.height) to_point -= to_y_[at(p + render_.width)];
     // p = o + t d and t = depth / alpha: dt/ddepth = 1 / alpha, dt/dalpha = -t / alpha.
     const double alpha = static_cast<double>(render_.alpha[p]);
-    const double to_distance = to_point.dot(Row(render_.directions, p));
+    const double to_distance = to_point.dot(VectorAt(render_.directions, p));
     out_.depth[p] += static_cast<T>(to_distance / alpha);
     out_.alpha[p] -= static_cast<T>(to_distance * distance / alpha);
   }

@@ -21,20 +21,20 @@ namespace gsut {
 namespace HWY_NAMESPACE {
 namespace {
 
-// sums[begin, end) += add(values), a vector at a time.
-template <class Add>
-HWY_INLINE void AddOf(const float* values, float* sums, std::int64_t begin, std::int64_t end,
-                      const Add& add) {
+// sums[i] += map(values[i]) of i in [begin, end), a vector at a time.
+template <class Map>
+HWY_INLINE void AddMapped(const float* values, float* sums, std::int64_t begin, std::int64_t end,
+                          const Map& map) {
   const FloatTag d;
   std::int64_t i = begin;
   for (; i + kLanes <= end; i += kLanes) {
-    const Lane more = add(Lane(hn::LoadU(d, values + i)));
+    const Lane more = map(Lane(hn::LoadU(d, values + i)));
     hn::StoreU(hn::Add(hn::LoadU(d, sums + i), more.v), d, sums + i);
   }
   if (i == end) return;
   HWY_ALIGN float rest[kLanes] = {};
   std::copy(values + i, values + end, rest);
-  hn::Store(add(Lane(hn::Load(d, rest))).v, d, rest);
+  hn::Store(map(Lane(hn::Load(d, rest))).v, d, rest);
   for (std::int64_t k = 0; i + k < end; ++k) sums[i + k] += rest[k];
 }
 
@@ -54,12 +54,12 @@ HWY_INLINE Lane ExpWithin(Lane x) {
 void Regularize(const GaussiansView<const float>& params, std::int64_t begin, std::int64_t end,
                 float opacity_factor, float scale_factor, float* dl_dopacity_logits,
                 float* dl_dlog_scales) {
-  AddOf(params.opacity_logits, dl_dopacity_logits, begin, end, [&](Lane logit) HWY_ATTR {
+  AddMapped(params.opacity_logits, dl_dopacity_logits, begin, end, [&](Lane logit) HWY_ATTR {
     const Lane opacity = Lane(1.0) / (Lane(1.0) + ExpWithin(-logit));
     return Lane(opacity_factor) * (opacity * (Lane(1.0) - opacity));
   });
-  AddOf(params.log_scales, dl_dlog_scales, 3 * begin, 3 * end,
-        [&](Lane log_scale) HWY_ATTR { return Lane(scale_factor) * ExpWithin(log_scale); });
+  AddMapped(params.log_scales, dl_dlog_scales, 3 * begin, 3 * end,
+            [&](Lane log_scale) HWY_ATTR { return Lane(scale_factor) * ExpWithin(log_scale); });
 }
 
 }  // namespace HWY_NAMESPACE

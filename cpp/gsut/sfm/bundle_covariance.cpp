@@ -1,5 +1,4 @@
 // Covariances of the poses of a bundle: the reduced normal equations, inverted.
-#include <Eigen/Cholesky>
 #include <algorithm>
 #include <cmath>
 #include <utility>
@@ -8,6 +7,7 @@
 #include "gsut/base/parallel.h"
 #include "gsut/sfm/bundle.h"
 #include "gsut/sfm/bundle_state.h"
+#include "gsut/sfm/dense.h"
 #include "gsut/sfm/eliminate_points.h"
 #include "gsut/geometry/rotation_vector.h"
 
@@ -132,8 +132,7 @@ Eigen::Map<Eigen::MatrixXd> KeepFree(const std::vector<int>& free, Eigen::Matrix
 // columns of L^-1 at a time, which are zero above their own rows.
 std::vector<Matrix6> InvertBlocks(Eigen::Ref<Eigen::MatrixXd> normal, const std::vector<int>& free,
                                   int bodies, int unknowns) {
-  const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> cholesky(normal);
-  if (cholesky.info() != Eigen::Success) {
+  if (!FactorizeCholesky(normal)) {
     throw SolveError("an image, or the scale, is not determined by the points it sees");
   }
   std::vector<Matrix6> blocks(bodies, Matrix6::Zero());
@@ -149,10 +148,8 @@ std::vector<Matrix6> InvertBlocks(Eigen::Ref<Eigen::MatrixXd> normal, const std:
   ParallelFor(static_cast<std::int64_t>(ends.size()) - 1, 1, [&](std::int64_t n, std::int64_t) {
     const Eigen::Index begin = ends[n], end = ends[n + 1];
     Eigen::MatrixXd columns = Eigen::MatrixXd::Identity(size - begin, end - begin);
-    normal.bottomRightCorner(size - begin, size - begin)
-        .triangularView<Eigen::Lower>()
-        .solveInPlace(columns);
-    const Eigen::MatrixXd found = columns.transpose() * columns;
+    SolveLower(normal.bottomRightCorner(size - begin, size - begin), columns);
+    const Eigen::MatrixXd found = MultiplyByTranspose(columns);
     for (Eigen::Index i = begin; i < end; ++i) {
       for (Eigen::Index j = begin; j < end; ++j) {
         const int row = free[i] % unknowns, column = free[j] % unknowns;

@@ -1,7 +1,7 @@
-// Schur complements: each body's rows are made by one thread, point by point.
+// Schur complements: each body's rows are made by one thread, point by point. Products of small
+// matrices are lazy: Eigen's blocked product is no faster for them, and takes seconds to compile.
 #include "gsut/sfm/eliminate_points.h"
 
-#include <Eigen/Cholesky>
 #include <Eigen/Eigenvalues>
 #include <Eigen/LU>
 #include <algorithm>
@@ -9,6 +9,7 @@
 #include <utility>
 
 #include "gsut/base/parallel.h"
+#include "gsut/sfm/dense.h"
 
 namespace gsut {
 namespace {
@@ -58,8 +59,10 @@ std::vector<PointShare> InvertPoints(ObservationTable* table, int shared) {
       for (const int i : table->of_point[point]) {
         ObservationDerivatives& linear = table->linear[i];
         by_point += linear.by_point.transpose() * linear.by_point;
-        linear.cross = linear.by_body.transpose() * linear.by_point;
-        if (shared > 0) shares[point].shared += linear.by_shared.transpose() * linear.by_point;
+        linear.cross = linear.by_body.transpose().lazyProduct(linear.by_point);
+        if (shared > 0) {
+          shares[point].shared += linear.by_shared.transpose().lazyProduct(linear.by_point);
+        }
       }
       Invert(by_point, &shares[point]);
     }
@@ -92,10 +95,12 @@ void AddShared(const ObservationTable& table, const std::vector<PointShare>& sha
                Eigen::Ref<Eigen::MatrixXd> block) {
   // In order, for the same bits on any number of threads; there are few shared unknowns.
   for (const ObservationDerivatives& linear : table.linear) {
-    block += linear.by_shared.transpose() * linear.by_shared;
+    block += linear.by_shared.transpose().lazyProduct(linear.by_shared);
   }
   for (const PointShare& share : shares) {
-    if (share.rank > 0) block -= share.shared * share.inverse * share.shared.transpose();
+    if (share.rank == 0) continue;
+    const MatrixX3 scaled = share.shared.lazyProduct(share.inverse);
+    block -= scaled.lazyProduct(share.shared.transpose());
   }
 }
 
@@ -117,19 +122,20 @@ EliminatedPoints EliminatePoints(ObservationTable table, int bodies, int size, i
       const PointShare& share = shares[group.point];
       for (const int i : group.own) {
         normal.block(size * body, size * body, size, size) +=
-            linear[i].by_body.transpose() * linear[i].by_body;
+            linear[i].by_body.transpose().lazyProduct(linear[i].by_body);
       }
       // The point's unknowns go: what it ties together is subtracted.
       for (const int i : group.own) {
-        const MatrixX3 scaled = linear[i].cross * share.inverse;
+        const MatrixX3 scaled = linear[i].cross.lazyProduct(share.inverse);
         for (const int j : table.of_point[group.point]) {
           if (linear[j].body > body) continue;
           normal.block(size * body, size * linear[j].body, size, size) -=
-              scaled * linear[j].cross.transpose();
+              scaled.lazyProduct(linear[j].cross.transpose());
         }
         if (shared == 0) continue;
         normal.block(end, size * body, shared, size) +=
-            linear[i].by_shared.transpose() * linear[i].by_body - share.shared * scaled.transpose();
+            linear[i].by_shared.transpose().lazyProduct(linear[i].by_body) -
+            share.shared.lazyProduct(scaled.transpose());
       }
     }
   });
@@ -165,15 +171,14 @@ SharedInformation FindSharedInformation(ObservationTable table, int bodies,
     tied.row(column) = left.normal.col(free[column]).tail(shared).transpose() * length[column];
   }
   // In place: the factor takes the memory of the equations.
-  const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> cholesky(bodies_own);
-  const bool is_weak = cholesky.info() != Eigen::Success ||
+  const bool is_weak = !FactorizeCholesky(bodies_own) ||
                        (count > 0 && bodies_own.diagonal().cwiseAbs2().minCoeff() < kWeak);
   if (is_weak) return {Eigen::MatrixXd::Zero(shared, shared), 2 * observations};
   // Schur complement of the bodies: with A = L L^T, B A^-1 B^T = (L^-1 B^T)^T (L^-1 B^T).
-  bodies_own.triangularView<Eigen::Lower>().solveInPlace(tied);
+  SolveLower(bodies_own, tied);
   SharedInformation result{left.normal.bottomRightCorner(shared, shared),
                            left.determined + static_cast<std::int64_t>(count)};
-  result.normal -= tied.transpose() * tied;
+  result.normal -= MultiplyByTranspose(tied);
   return result;
 }
 

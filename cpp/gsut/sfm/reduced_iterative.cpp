@@ -1,9 +1,11 @@
-// Conjugate gradients on the reduced system, which is never formed.
+// Conjugate gradients on the reduced system, which is never formed. Products of small matrices are
+// lazy: Eigen's blocked product is no faster for them, and takes seconds to compile for each.
 #include <Eigen/QR>
 #include <algorithm>
 #include <cmath>
 
 #include "gsut/base/parallel.h"
+#include "gsut/sfm/dense.h"
 #include "gsut/sfm/reduced_system.h"
 
 namespace gsut {
@@ -105,7 +107,14 @@ void ReducedSystem::ListClusters() {
       qr.setThreshold(kIndependent);
       qr.compute(all);
       rank = qr.rank();
-      found = qr.householderQ() * Eigen::MatrixXd::Identity(all.rows(), rank);
+      // The first columns of Q. Eigen's own Q, of any size and blocked, takes long to compile.
+      found = Eigen::MatrixXd::Identity(all.rows(), rank);
+      Eigen::VectorXd workspace(rank);
+      for (Eigen::Index k = rank - 1; k >= 0; --k) {
+        found.bottomRows(all.rows() - k)
+            .applyHouseholderOnTheLeft(qr.matrixQR().col(k).tail(all.rows() - k - 1),
+                                       qr.hCoeffs()[k], workspace.data());
+      }
     }
     for (const int block : blocks[cluster]) {
       basis_[block] = found.middleRows(in_tile_[block], sizes_[block]);
@@ -149,14 +158,14 @@ bool ReducedSystem::FactorizeClusters() {
         std::size_t at = first_cluster_entry_[point];
         while (cluster_entries_[at].cluster != tile_[block]) ++at;
         Eigen::Map<MatrixX3>(&cluster_cross_[cluster_entries_[at].at], columns_of(tile_[block]), 3)
-            .noalias() += basis_[block].transpose() *
-                          Eigen::Map<const MatrixX3>(&cross_[entries_[e].at], sizes_[block], 3);
+            .noalias() += basis_[block].transpose().lazyProduct(
+            Eigen::Map<const MatrixX3>(&cross_[entries_[e].at], sizes_[block], 3));
       }
     }
   });
   const int clusters = matrix_->num_tiles(), moving = cluster_start_.back();
   const Eigen::Index shared = shared_.rows();
-  Eigen::MatrixXd coarse = Eigen::MatrixXd::Zero(moving + shared, moving + shared);
+  coarse_.setZero(moving + shared, moving + shared);
   ParallelFor(clusters, 1, [&](std::int64_t cluster, std::int64_t) {
     const int own = static_cast<int>(cluster), start = cluster_start_[own], size = columns_of(own);
     for (const int index : entries_of_cluster_[own]) {
@@ -169,23 +178,22 @@ bool ReducedSystem::FactorizeClusters() {
         if (other > own) continue;
         const Eigen::Map<const MatrixX3> cross(&cluster_cross_[cluster_entries_[e].at],
                                                columns_of(other), 3);
-        coarse.block(start, cluster_start_[other], size, columns_of(other)).noalias() -=
-            scaled * cross.transpose();
+        coarse_.block(start, cluster_start_[other], size, columns_of(other)).noalias() -=
+            scaled.lazyProduct(cross.transpose());
       }
     }
   });
   for (int block = 0; block < num_ordered_; ++block) {
     const int start = cluster_start_[tile_[block]], size = columns_of(tile_[block]);
-    coarse.block(start, start, size, size) +=
-        basis_[block].transpose() * own_[block] * basis_[block];
-    coarse.block(moving, start, shared, size) +=
-        shared_.middleCols(start_[block], sizes_[block]) * basis_[block];
+    const Eigen::MatrixXd scaled = own_[block].lazyProduct(basis_[block]);
+    coarse_.block(start, start, size, size) += basis_[block].transpose().lazyProduct(scaled);
+    coarse_.block(moving, start, shared, size) +=
+        shared_.middleCols(start_[block], sizes_[block]).lazyProduct(basis_[block]);
   }
   auto corner = shared_.rightCols(shared);
   corner.triangularView<Eigen::StrictlyUpper>() = corner.transpose();
-  coarse.bottomRightCorner(shared, shared) = corner;
-  coarse_.compute(coarse);
-  return coarse_.info() == Eigen::Success;
+  coarse_.bottomRightCorner(shared, shared) = corner;
+  return FactorizeCholesky(coarse_);
 }
 
 Eigen::VectorXd ReducedSystem::Precondition(const Eigen::VectorXd& residual) const {
@@ -198,7 +206,7 @@ Eigen::VectorXd ReducedSystem::Precondition(const Eigen::VectorXd& residual) con
     motion(block) += basis_[block].transpose() * residual.segment(start_[block], sizes_[block]);
   }
   coarse.tail(shared) = residual.tail(shared);
-  coarse = coarse_.solve(coarse);
+  SolveCholesky(coarse_, coarse);
   Eigen::VectorXd near = residual.head(residual.size() - shared);
   matrix_->Solve(&near);
   Eigen::VectorXd found(residual.size());

@@ -1,7 +1,6 @@
 // The normal equations of observations of points, the points eliminated: one step of a solver.
 #pragma once
 
-#include <Eigen/Cholesky>
 #include <Eigen/Core>
 #include <array>
 #include <memory>
@@ -138,7 +137,7 @@ class ReducedSystem {
   std::vector<std::size_t> first_cluster_entry_;  // by point
   std::vector<std::vector<int>> entries_of_cluster_;
   std::vector<double> cluster_cross_;
-  Eigen::LLT<Eigen::MatrixXd> coarse_;
+  Eigen::MatrixXd coarse_;  // the coarse system's factor
 };
 
 }  // namespace gsut

@@ -1,10 +1,10 @@
 // Left-looking: tile by tile, each from those of the columns before.
 #include "gsut/sfm/tiled_cholesky.h"
 
-#include <Eigen/Cholesky>
 #include <algorithm>
 
 #include "gsut/base/parallel.h"
+#include "gsut/sfm/dense.h"
 #include "gsut/sfm/subtract_product.h"
 
 namespace gsut {
@@ -92,8 +92,7 @@ bool TiledCholesky::Factorize() {
     Reduce(j, j);
     // The diagonal tile first, alone; then all tiles below it, in parallel.
     Map diagonal = At(j, j);
-    const Eigen::LLT<Eigen::Ref<Eigen::MatrixXd>> factor(diagonal);
-    if (factor.info() != Eigen::Success) return false;
+    if (!FactorizeCholesky(diagonal)) return false;
     rows.clear();
     for (int i = j + 1; i < num_tiles(); ++i) {
       if (Has(i, j)) rows.push_back(i);

@@ -18,7 +18,6 @@ struct VoxelSpace {
   // The grid ends here, 50 times `inner` away.
   static constexpr double kEnd = 1.98;
 
-  bool IsContracted() const { return inner < std::numeric_limits<double>::infinity(); }
   Eigen::Vector3d GridOf(const Eigen::Vector3d& world) const {
     const Eigen::Vector3d g = (world - center) / voxel;
     const double x = g.norm();

@@ -39,7 +39,7 @@ class BlockStore:
         return self.find_owners_of_points(gaussians.means.astype(np.float64))
 
     def find_owners_of_points(self, points: np.ndarray) -> np.ndarray:
-        """Returns the blocks (N,) that points (N, 3) lie in, in the Gaussians' coordinates."""
+        """Returns the block (N,) in which each point (N, 3) lies; the Gaussians' coordinates."""
         return self._layout.find_owners(points + self._offset)
 
     def begin(self, whole: Trained) -> None:

@@ -37,6 +37,7 @@ _HEADER_BYTES = 65536
 
 
 def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written:
+    """Writes Gaussians in Morton order, so that those of a chunk lie close together."""
     order = order_by_morton_code(gaussians.means)
     g = gaussians[order]
     log_scales = np.clip(g.log_scales, _LEAST_LOG_SCALE, _MOST_LOG_SCALE)

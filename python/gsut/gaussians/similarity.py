@@ -85,10 +85,11 @@ def rotate_upright(up: np.typing.ArrayLike) -> np.ndarray:
     Raises:
         InputError: it is no direction.
     """
-    a = check_direction(up, "up")
-    axis, cosine = np.cross(a, _UP), float(a @ _UP)
-    if cosine < -1 + 1e-9:
+    direction = check_direction(up, "up")
+    axis, cosine = np.cross(direction, _UP), float(direction @ _UP)
+    if cosine < -1 + 1e-9:  # opposite: half a turn about any horizontal axis, here x
         return np.diag([1.0, -1.0, -1.0])
+    # Rodrigues' formula, of an axis as long as the angle's sine.
     x, y, z = axis
     cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
     return np.eye(3) + cross + cross @ cross / (1 + cosine)

@@ -165,5 +165,7 @@ class StoredGaussians:
 
 
 def count_bytes_per_gaussian(sh_degree: int) -> int:
-    """Counts the bytes of one Gaussian's numbers."""
-    return 4 * (11 + 3 * (sh_degree + 1) ** 2)
+    """Counts the bytes of one Gaussian's numbers, each a float32."""
+    mean, quaternion, log_scales, opacity_logit = 3, 4, 3, 1
+    harmonics = 3 * (sh_degree + 1) ** 2
+    return 4 * (mean + quaternion + log_scales + opacity_logit + harmonics)

@@ -1,4 +1,4 @@
-"""Any lens: `Camera`, fits and conversion, lens files, uncertainty."""
+"""Any lens: `Camera`, fits and conversion, lens files."""
 
 from gsut.lens.camera import Camera, camera_models
 from gsut.lens.convert import Conversion, convert_camera
@@ -13,6 +13,7 @@ from gsut.lens.field import (
     find_focal_params,
     has_focal_length,
     measure_field_of_view,
+    spread_pixels,
     with_field_of_view,
     with_scaled_focal,
 )
@@ -21,7 +22,6 @@ from gsut.lens.fit_rays import fit_camera
 from gsut.lens.fit_spline import SplineGrid, fit_control_points
 from gsut.lens.focal_prior import FocalPrior
 from gsut.lens.refinable import find_refinable_params
-from gsut.lens.uncertainty import save_uncertainty, spread_pixels
 
 __all__ = [
     "Camera",
@@ -45,7 +45,6 @@ __all__ = [
     "load_lens",
     "measure_field_of_view",
     "save_camera",
-    "save_uncertainty",
     "spread_pixels",
     "with_field_of_view",
     "with_scaled_focal",

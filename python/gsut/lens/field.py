@@ -12,6 +12,7 @@ from gsut.lens.camera import Camera
 
 _SAMPLES = 129  # of the middle row
 _SEARCH_STEPS = 60  # bisections of the focal length
+_GRID_COLUMNS = 40  # of pixels spread over an image
 _CLOSE = (0.01, 0.1)  # relative, degrees: of what was wanted
 
 
@@ -27,6 +28,13 @@ def measure_field_of_view(camera: Camera) -> float | None:
     seen = rays[valid]
     cosines = np.clip(np.sum(seen[1:] * seen[:-1], axis=1), -1.0, 1.0)
     return float(np.degrees(np.arccos(cosines).sum()))
+
+
+def spread_pixels(width: int, height: int) -> np.ndarray:
+    """Spreads pixels (rows, columns, 2) evenly over an image, corner pixels included."""
+    rows = max(2, round(_GRID_COLUMNS * height / width))
+    x = np.linspace(0.5, width - 0.5, _GRID_COLUMNS)
+    return np.stack(np.meshgrid(x, np.linspace(0.5, height - 0.5, rows)), axis=-1)
 
 
 def has_focal_length(camera: Camera) -> bool:

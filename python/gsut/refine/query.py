@@ -187,11 +187,3 @@ def list_likely_shutters(camera: Any) -> list[Shutter]:
     if max(width, height) < _OBLONG * min(width, height):
         return both
     return both[:1] if width > height else both[1:]
-
-
-def subtract_poses(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """Returns (6,) the change of centre (world axes) and small rotation vector (camera axes)."""
-    turn = one[:3, :3] @ other[:3, :3].T
-    vector = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]])
-    centers = [-pose[:3, :3].T @ pose[:3, 3] for pose in (one, other)]
-    return np.concatenate([centers[0] - centers[1], vector / 2])

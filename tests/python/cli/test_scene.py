@@ -34,7 +34,7 @@ def ask_page(address, *routes):
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory):
+def finished_scene(tmp_path_factory):
     """A scene made without a break while its page is looked at, and the words that make it."""
     folder = tmp_path_factory.mktemp("scene")
     video = walk_past(folder / "walk.mp4")
@@ -56,15 +56,15 @@ def made(tmp_path_factory):
     return folder, words
 
 
-def test_view_shows_the_scene_from_the_first_moment_to_the_last(made):
+def test_view_shows_the_scene_from_the_first_moment_to_the_last(finished_scene):
     assert SEEN["first"] == {"name": "run", "kind": "making", "shown": 0}
     assert (SEEN["last"]["kind"], SEEN["last"]["draft"]) == ("training", False)
     assert SEEN["made"]["stage"] == "finished" and SEEN["made"]["share"] == 1
     assert len(SEEN["made"]["pictures"]) == 6 and len(SEEN["made"]["found"]["cameras"]) >= 2
 
 
-def test_video_becomes_a_scene_with_a_page(made):
-    folder, _ = made
+def test_video_becomes_a_scene_with_a_page(finished_scene):
+    folder, _ = finished_scene
     run = folder / "run"
     state = json.loads((run / "scene.json").read_text())
     assert state["pictures"] == state["registered"] == 6
@@ -81,8 +81,8 @@ def test_video_becomes_a_scene_with_a_page(made):
     assert main(["eval", str(run), "--json"]) == 0
 
 
-def test_moved_scene_is_still_evaluated(made, tmp_path, capsys):
-    folder, _ = made
+def test_moved_scene_is_still_evaluated(finished_scene, tmp_path, capsys):
+    folder, _ = finished_scene
     shutil.copytree(folder / "run", tmp_path / "elsewhere")
     values = json.loads((tmp_path / "elsewhere/environment.json").read_text())
     values["dataset"] = "/is/not/there/poses"
@@ -94,8 +94,8 @@ def test_moved_scene_is_still_evaluated(made, tmp_path, capsys):
     assert found[0] == found[1]
 
 
-def test_second_run_says_done_and_changes_nothing(made, capsys):
-    folder, words = made
+def test_second_run_says_done_and_changes_nothing(finished_scene, capsys):
+    folder, words = finished_scene
     files = sorted(path for path in (folder / "run").rglob("*") if path.is_file())
     before = [path.stat().st_mtime_ns for path in files]
     assert main([*words, "-o", str(folder / "run")]) == 0
@@ -106,8 +106,8 @@ def test_second_run_says_done_and_changes_nothing(made, capsys):
     assert json.loads(capsys.readouterr().out)["registered"] == 6
 
 
-def test_other_inputs_and_settings_do_not_overwrite(made, capsys):
-    folder, words = made
+def test_other_inputs_and_settings_do_not_overwrite(finished_scene, capsys):
+    folder, words = finished_scene
     out = ["-o", str(folder / "run")]
     assert main([*words, *out, "--fov", "50"]) == 2
     assert "scene with other --fov (None, now 50.0)" in capsys.readouterr().err
@@ -117,9 +117,9 @@ def test_other_inputs_and_settings_do_not_overwrite(made, capsys):
 
 
 @pytest.fixture
-def copied(made, tmp_path):
+def copied(finished_scene, tmp_path):
     """A copy of the scene and its film, the film's path, and the words that make it."""
-    folder, words = made
+    folder, words = finished_scene
     run, video = tmp_path / "run", tmp_path / "walk.mp4"
     shutil.copytree(folder / "run", run)
     shutil.copy(words[1], video)
@@ -193,8 +193,8 @@ def test_training_on_other_poses_is_not_taken_for_that_of_the_scene(copied, caps
         gsut.load_run(run, run / "poses")
 
 
-def test_killed_at_any_stage_it_ends_with_the_same_bits(made, tmp_path):
-    folder, words = made
+def test_killed_at_any_stage_it_ends_with_the_same_bits(finished_scene, tmp_path):
+    folder, words = finished_scene
     run = tmp_path / "run"
     program = [sys.executable, "-m", "gsut", *words, "-o", str(run), "--quiet"]
     for file in ("poses/capture/images", "poses/poses.json", "history.jsonl"):

@@ -7,8 +7,7 @@ from gsut import _core
 from gsut._core import Shutter
 from gsut.refine.matched_lines import find_line_poses
 from gsut.refine.pixel_rows import find_line_times
-from gsut.refine.query import subtract_poses
-from random_scenes import pinhole, random_pose
+from random_scenes import pinhole, random_pose, subtract_poses
 
 
 def test_matches_of_a_turning_camera_give_its_pose_and_motion(rng):

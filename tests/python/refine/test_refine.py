@@ -16,7 +16,6 @@ from gsut.refine.pixel_rows import (
     estimate_covariance,
 )
 from gsut.refine.pose import check_photograph, refine_levels
-from gsut.refine.query import subtract_poses
 from gsut.refine.secants import place_lines
 from random_scenes import (
     fisheye,
@@ -25,6 +24,7 @@ from random_scenes import (
     random_pose,
     relative_error,
     small_camera,
+    subtract_poses,
 )
 
 BACKGROUND = (0.2, 0.4, 0.1)

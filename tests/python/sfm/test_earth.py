@@ -18,7 +18,7 @@ NORTH = 111_180.0  # metres in a degree of latitude there
 EAST = 75_540.0  # of longitude
 
 
-def made(rng, size=30.0, roll=3.0, heading=300.0):
+def make_walk(rng, size=30.0, roll=3.0, heading=300.0):
     """A walk of level cameras in a world turned anyhow, and its centres: east, up, north (m)."""
     share = np.linspace(0, 1, COUNT)
     east = size * (np.cos(4 * share) + 0.3 * share)
@@ -64,7 +64,7 @@ def centers(solution):
 @pytest.mark.parametrize(("noise", "wrong"), [(0.02, 0), (1.5, 0), (1.5, 4)])
 def test_gps_gives_metres_north_and_up(noise, wrong):
     rng = np.random.default_rng(1)
-    solution, truth = made(rng)
+    solution, truth = make_walk(rng)
     places = gps(truth, rng, noise)
     for name in list(places)[:wrong]:  # of another moment
         latitude, longitude, height = places[name]
@@ -80,7 +80,7 @@ def test_gps_gives_metres_north_and_up(noise, wrong):
 
 def test_moved_solution_sees_its_points_as_before():
     rng = np.random.default_rng(2)
-    solution, truth = made(rng)
+    solution, truth = make_walk(rng)
     earth = find_earth(solution, upright(solution), gps(truth, rng, 0.1))
     moved = move_to_earth(solution, earth)
     before, after = (
@@ -93,7 +93,7 @@ def test_moved_solution_sees_its_points_as_before():
 
 def test_gps_of_a_room_gives_no_scale_but_cameras_tell_up():
     rng = np.random.default_rng(3)
-    solution, truth = made(rng, size=2.0)
+    solution, truth = make_walk(rng, size=2.0)
     earth = find_earth(solution, upright(solution), gps(truth, rng, 4.0))
     assert not earth.figures["gps"]["applied"] and earth.scale == 1.0
     assert "too much for scale" in earth.notes[0]
@@ -103,7 +103,7 @@ def test_gps_of_a_room_gives_no_scale_but_cameras_tell_up():
 
 def test_gps_that_contradicts_the_poses_is_named_and_not_used():
     rng = np.random.default_rng(4)
-    solution, truth = made(rng)
+    solution, truth = make_walk(rng)
     earth = find_earth(solution, upright(solution), gps(truth[rng.permutation(COUNT)], rng, 0.1))
     assert "contradicts" in earth.notes[0] and earth.scale == 1.0
 
@@ -111,7 +111,7 @@ def test_gps_that_contradicts_the_poses_is_named_and_not_used():
 @pytest.mark.parametrize("along_view", [True, False])
 def test_straight_flight_takes_up_from_its_slope_and_level_cameras(along_view):
     rng = np.random.default_rng(7)
-    solution, _ = made(rng, heading=0.0, roll=1.0)
+    solution, _ = make_walk(rng, heading=0.0, roll=1.0)
     # Ahead with a slope, as the cameras look; or sideways, which says nothing of how they tilt.
     share = np.linspace(0, 1, COUNT)[:, None]
     truth = 40.0 * share * ([0.0, 0.2, 1.0] if along_view else [1.0, 0.0, 0.0])
@@ -130,7 +130,7 @@ def test_straight_flight_takes_up_from_its_slope_and_level_cameras(along_view):
 
 
 def test_one_place_for_all_images_says_nothing():
-    solution, _ = made(np.random.default_rng(5))
+    solution, _ = make_walk(np.random.default_rng(5))
     places = dict.fromkeys(solution.names, ORIGIN)
     earth = find_earth(solution, upright(solution), places)
     assert "1 place(s)" in earth.notes[0] and earth.figures["up"] == "by the cameras"
@@ -141,7 +141,7 @@ def test_one_place_for_all_images_says_nothing():
     [(3, 300, "by the cameras"), (40, 300, "roughly, by the cameras' mean")],
 )
 def test_scene_stands_by_how_cameras_were_held(roll, heading, how):
-    solution, _ = made(np.random.default_rng(6), roll=roll, heading=heading)
+    solution, _ = make_walk(np.random.default_rng(6), roll=roll, heading=heading)
     earth = find_earth(solution, upright(solution), {})
     assert earth.figures["up"] == how
     ups = -solution.camera_from_world[:, 1, :3]
@@ -152,7 +152,7 @@ def test_scene_stands_by_how_cameras_were_held(roll, heading, how):
 
 
 def test_photographs_on_their_side_tell_up_by_exif():
-    solution, _ = made(np.random.default_rng(7))
+    solution, _ = make_walk(np.random.default_rng(7))
     first = find_earth(solution, upright(solution), {}).rotation
     # Turned by a quarter against the clock, as a phone held upright stores them.
     quarter = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
@@ -178,7 +178,7 @@ def look_down(solution, rng):
 @pytest.mark.parametrize("wrong", [0, 4])
 def test_flight_straight_down_takes_up_from_gps(wrong):
     rng = np.random.default_rng(5)
-    solution, truth = made(rng)
+    solution, truth = make_walk(rng)
     places = gps(truth, rng, 0.1)
     for name in list(places)[:wrong]:
         latitude, longitude, height = places[name]
@@ -198,7 +198,7 @@ def measure_ups(solution, rng, noise, turn):
 
 def test_accelerometer_gives_up_where_cameras_were_not_level():
     rng = np.random.default_rng(6)
-    solution, _ = made(rng)
+    solution, _ = make_walk(rng)
     solution = look_down(solution, rng)
     ups, up = measure_ups(solution, rng, 0.1, np.eye(3))
     earth = find_earth(solution, upright(solution), {}, ups)
@@ -208,7 +208,7 @@ def test_accelerometer_gives_up_where_cameras_were_not_level():
 
 def test_accelerometer_that_contradicts_the_poses_is_named_and_not_used():
     rng = np.random.default_rng(7)
-    solution, _ = made(rng)
+    solution, _ = make_walk(rng)
     turn = _core.exp_pose([0, 0, 0, 0, 0, math.pi / 2])[:3, :3]
     ups, _ = measure_ups(solution, rng, 0.05, turn)
     earth = find_earth(solution, upright(solution), {}, ups)

@@ -46,7 +46,7 @@ def describe(readings):
     return [(r.shutter.direction, r.seconds) if r else None for r in readings]
 
 
-def made(rng, readings, **settings):
+def make_rig(rng, readings, **settings):
     """A rig of two fisheyes back to back that reads its images while it moves."""
     lenses = (fisheye(), fisheye())
     return SyntheticRig(rng, BACKWARD, lenses=lenses, readings=readings, **settings)
@@ -79,7 +79,7 @@ def measure_ends(scene, solution):
 
 @pytest.mark.parametrize("readings", READINGS.values(), ids=READINGS)
 def test_solve_rig_exact_rolling_tracks_give_poses_and_motion_exactly(rng, readings):
-    scene = made(rng, readings, points=400)
+    scene = make_rig(rng, readings, points=400)
     mapping = solved(scene)
     assert mapping.solved.registered.all()
     apart, _ = scene.worst(mapping.solved)  # no scale taken out
@@ -149,7 +149,7 @@ def test_video_of_two_fisheyes_shows_its_rig_and_how_each_lens_is_read(readings)
 
 
 def test_solve_rig_with_rolling_shutters_is_better_than_taken_for_global(rng):
-    scene = made(rng, READINGS["opposite"], noise=0.2, frames=8, points=400)
+    scene = make_rig(rng, READINGS["opposite"], noise=0.2, frames=8, points=400)
     rolling = scene.worst(solved(scene).solved)
     still = scene.worst(solved(scene, shutter=None, lines=None).solved)
     assert rolling[0] < tolerances.RIG_UNITS and rolling[1] < tolerances.RIG_DEGREES
@@ -161,14 +161,16 @@ def test_solve_rig_with_rolling_shutters_has_the_same_bits_on_any_number_of_thre
     before = _core.num_threads()
     for threads in (1, 3):
         _core.set_num_threads(threads)
-        mapping = solved(made(np.random.default_rng(5), READINGS["opposite"], noise=0.2, frames=6))
+        mapping = solved(
+            make_rig(np.random.default_rng(5), READINGS["opposite"], noise=0.2, frames=6)
+        )
         found.append((mapping.solved.camera_from_world, mapping.solved.velocities))
     _core.set_num_threads(before)
     assert all(np.array_equal(a, b) for a, b in zip(*found, strict=True))
 
 
 def test_rolling_rig_dataset_has_the_lines_of_each_camera(rng, tmp_path):
-    scene = made(rng, READINGS["opposite"])
+    scene = make_rig(rng, READINGS["opposite"])
     mapping = solved(scene)
     photographs = mapping.photographs
     for name in photographs.names:

@@ -171,20 +171,20 @@ def test_compact_of_odd_ply_files_works_and_says_what_was_dropped(tmp_path, caps
     """No harmonics, values that are no numbers, opacity 0, all the same, a single one."""
     rng, n = np.random.default_rng(4), 40
 
-    def made(count):
+    def draw(count):
         return gsut.Gaussians(
             rng.normal(size=(count, 3)), rng.normal(size=(count, 4)), rng.normal(size=(count, 3)),
             rng.normal(size=count), rng.normal(size=(count, 1, 3)),
         )  # fmt: skip
 
-    nans, clear, same, nothing = made(n), made(n), made(n)[np.zeros(n, int)], made(n)
+    nans, clear, same, nothing = draw(n), draw(n), draw(n)[np.zeros(n, int)], draw(n)
     nans.means[3] = np.nan
     nans.sh[5] = np.inf
     clear.opacity_logits[::2] = -np.inf  # opacity 0, as some writers put it
     nothing.means[:] = np.nan
     cases = {
         "nans": (nans, 2, 10), "clear": (clear, 0, 10), "same": (same, 0, 10),
-        "one": (made(1), 0, 1),
+        "one": (draw(1), 0, 1),
     }  # fmt: skip
     gsut.formats.save_ply(tmp_path / "nothing.ply", nothing)
     words = ["compact", str(tmp_path / "nothing.ply"), "--keep", "0.25", "-o"]

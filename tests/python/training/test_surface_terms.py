@@ -94,7 +94,7 @@ def test_gradients_of_all_terms_equal_differences_of_the_double_reference(rng, s
     fraction = 0.2
     g = exact.to_dtype(np.float32)
     found = terms.compute_gradients(g, scene, view, _core.BlendRule(), fraction)
-    assert all(term > 0 for term in terms.last)
+    assert all(term > 0 for term in terms.last_terms)
     faded = dataclasses.replace(weights, known=0.5 * 0.01**fraction)
     base, seen = total(exact, camera, pose, known, faded, scene.extent, normals)
     mean = np.where(seen.alpha >= 0.5, seen.depth / np.maximum(seen.alpha, 1e-9), np.inf)

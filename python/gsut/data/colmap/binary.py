@@ -38,6 +38,7 @@ class _Reader:
         )
 
     def unpack(self, layout: struct.Struct) -> tuple:
+        """Reads the next values, laid out as `layout` says."""
         if self.position + layout.size > len(self.data):
             raise self.report_truncated()
         values = layout.unpack_from(self.data, self.position)
@@ -45,6 +46,7 @@ class _Reader:
         return values
 
     def skip(self, size: int) -> None:
+        """Moves past `size` bytes."""
         if self.position + size > len(self.data):
             raise self.report_truncated()
         self.position += size

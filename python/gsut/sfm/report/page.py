@@ -38,6 +38,7 @@ def write_report(out: Path, solution: Solution, values: dict[str, Any]) -> None:
 
     Args:
         out: the folder.
+        solution: what the charts are drawn from.
         values: the content of poses.json.
 
     Raises:

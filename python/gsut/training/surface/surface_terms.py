@@ -55,7 +55,7 @@ class SurfaceTerms:
         known: source of known distances, see `KnownDepth`.
 
     Attributes:
-        last: the terms of the last view: normals, distortion, known distances, known normals.
+        last_terms: of the last view: normals, distortion, known distances, known normals.
     """
 
     def __init__(self, weights: SurfaceWeights, scene: Scene, known: str) -> None:
@@ -63,7 +63,7 @@ class SurfaceTerms:
         self.known = KnownDepth(scene, known)
         self._known_normals = KnownNormals()
         self.renderer = _core.Renderer()
-        self.last = [0.0, 0.0, 0.0, 0.0]
+        self.last_terms = [0.0, 0.0, 0.0, 0.0]
         self._cameras: dict[int, tuple[Any, Any]] = {}
         self._maps: dict[tuple[int, int], list[np.ndarray]] = {}
 
@@ -112,7 +112,7 @@ class SurfaceTerms:
             of_given = add_known_normals(
                 given, share * w.known_normal, image, alpha, dimage, dalpha
             )
-        self.last = [*terms, of_given]
+        self.last_terms = [*terms, of_given]
         out = normals.make_zeros()
         touched = np.zeros(len(out), np.uint8)
         self.renderer.backward(
