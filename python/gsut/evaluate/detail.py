@@ -30,6 +30,7 @@ _VEILED = 0.55
 _WIDE = 4.0
 # Standard deviation in pixels of what is taken away before pictures are registered: their level.
 _LEVEL = 5.0
+_PLAIN = 1e-5  # variance of brightness that is rounding
 # Side in pixels below which pictures are not registered.
 _SMALLEST = 16
 _CELLS = 20  # along a picture's longer side, in which detail is counted to find a wrong patch
@@ -162,7 +163,7 @@ class _Detail:
             - self._average_wide(self._bright) * self._average_wide(other)
             for other in (shown, self._bright)
         )
-        return covariance + _CONTRAST**2 > _VEILED * brightness * variance
+        return covariance + _PLAIN > _VEILED * brightness * variance
 
     def _average_wide(self, picture: np.ndarray) -> np.ndarray:
         """Averages wide surroundings inside the mask."""
