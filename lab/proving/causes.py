@@ -41,7 +41,9 @@ _NAMES = {
 }
 
 # Of metrics.json, that a verdict is made from.
-_FIGURES = ("detail_median", "detail_train", "detail_shifted_median", "psnr", "moving_train")
+_FIGURES = (
+    "detail_median", "detail_train", "detail_shifted_median", "psnr", "moving_train", "patch_train",
+)  # fmt: skip
 
 Values = dict[str, Any]
 Change = Callable[[Values, Path, np.random.Generator], None]
