@@ -23,15 +23,15 @@ from pathlib import Path
 
 import numpy as np
 
+import calib
 import gsut
 import small_datasets
 import small_recordings
 from formats.scene_cases import plain_scene
 from gsut import formats
-from gsut.data.poses.camera_path import read_path
-from gsut.run.checkpoint import read_checkpoint, write_checkpoint
-from gsut.run.folder import RunFile, RunFolder
+from gsut.files import list_readers
 from lab.attack.world import write_lenses
+from reader_examples import EXAMPLES, WITHOUT, import_all
 
 NUMBERS = (b"0", b"-1", b"1e308", b"nan", b"inf", b"-inf", b"9223372036854775807", b"1e-320",
            b"4294967296", b"true", b"null", b'""', b"[]", b"{}", b"9" * 400)  # fmt: skip
@@ -85,16 +85,16 @@ def list_dataset_targets(folder: Path) -> Iterator[Target]:
                 yield Target(name, path, lambda place=place: gsut.load_dataset(place))
 
 
-def list_run_targets(folder: Path) -> Iterator[Target]:
-    run = RunFolder.create(folder / "run", gsut.TrainOptions(steps=100))
-    run.history.append({"step": 1, "loss": 0.5})
-    write_checkpoint(folder / "state.npz", {"step": 1, "state": {"a": np.arange(30.0), "b": [1]}})
-    yield Target("checkpoint", folder / "state.npz", lambda: read_checkpoint(folder / "state.npz"))
-    yield Target("options.json", run.path / "options.json", run.read_options)
-    yield Target(RunFile.HISTORY, run.path / RunFile.HISTORY, run.history.read)
-    path = folder / "path.json"
-    path.write_text(str([np.eye(4).tolist()] * 3).replace("'", '"'))
-    yield Target("camera path", path, lambda: read_path(path, None))
+def list_registered_targets(folder: Path) -> Iterator[Target]:
+    """Lists the readers of the registry; a new one needs an example in reader_examples."""
+    import_all(gsut)
+    import_all(calib)
+    for reader in list_readers():
+        if reader.name in WITHOUT:
+            continue
+        place = folder / reader.name
+        place.mkdir()
+        yield Target(reader.name, *EXAMPLES[reader.name](place))
 
 
 def change_bytes(content: bytes, chance: random.Random) -> bytes:
@@ -154,7 +154,12 @@ def fuzz(folder: Path, seconds: float, seed: int, rounds: int | None = None) -> 
         AssertionError: what was found; the changed file stays where it is.
     """
     targets: list[Target] = []
-    for make in (list_lens_targets, list_scene_targets, list_dataset_targets, list_run_targets):
+    for make in (
+        list_lens_targets,
+        list_scene_targets,
+        list_dataset_targets,
+        list_registered_targets,
+    ):
         place = folder / make.__name__
         place.mkdir()
         targets += make(place)

@@ -10,7 +10,7 @@ import cv2
 from calib.report.plots import draw_camera
 from calib.report.result import Result
 from calib.report.values import collect_values
-from gsut.files import write_file
+from gsut.files import read_picture, write_file
 from gsut.page import (
     build_page,
     build_table,
@@ -126,7 +126,8 @@ def _describe_camera(
         title = render_template("<h3>Lenses compared on boards they had not seen</h3>")
         parts += [title, _compare_lenses(rows)]
     thumbnails = [
-        (embed_picture(cv2.imread(str(path))[..., ::-1], _THUMBNAIL), name) for name, path in boards
+        (embed_picture(read_picture(path, cv2.IMREAD_COLOR)[..., ::-1], _THUMBNAIL), name)
+        for name, path in boards
     ]
     return [
         *parts,

@@ -17,6 +17,7 @@ import numpy as np
 
 from calib.boards import Board, Photograph, write_vnl
 from calib.errors import BoardError, SolveError
+from gsut.files import read_json, read_text, write_file
 
 PYTHON = "/usr/bin/python3"  # the interpreter that Debian's python3-mrcal is built for
 CALIBRATE = "mrcal-calibrate-cameras"
@@ -83,7 +84,7 @@ def calibrate_cameras(
         words += ["--imagersize", str(first.width), str(first.height)]
         words += [f"camera{index}-*.jpg" for index in range(len(groups))]
         _run([PYTHON, str(shutil.which(CALIBRATE)), *words], folder, CALIBRATE)
-        return (folder / "camera-0.cameramodel").read_text(encoding="utf-8")
+        return read_text(folder / "camera-0.cameramodel")
 
 
 def ask(question: dict[str, Any]) -> dict[str, Any]:
@@ -99,9 +100,9 @@ def ask(question: dict[str, Any]) -> dict[str, Any]:
     with tempfile.TemporaryDirectory(prefix="gsut-calib-") as name:
         folder = Path(name)
         asked, answered = folder / "question.json", folder / "answer.json"
-        asked.write_text(json.dumps(question, default=np.ndarray.tolist), encoding="utf-8")
+        write_file(asked, json.dumps(question, default=np.ndarray.tolist))
         _run([PYTHON, str(_INSIDE), str(asked), str(answered)], folder, "mrcal")
-        return json.loads(answered.read_text(encoding="utf-8"))
+        return read_json(answered, dict)
 
 
 def _run(command: Sequence[str], folder: Path, name: str) -> None:

@@ -6,6 +6,7 @@ import argparse
 import collections
 import functools
 import importlib.util
+import shutil
 import sys
 import tempfile
 from collections.abc import Iterator
@@ -16,6 +17,7 @@ from lab.attack.forked import import_everything, run_forked
 from lab.attack.harness import attack, find_disagreement
 from lab.attack.kills import kill_commands
 from lab.attack.numbers import list_numbers, render_numbers
+from lab.attack.readers import list_reader_cases, read_wrong_file
 from lab.attack.requests import list_requests, send_requests
 from lab.attack.tables import list_cases
 from lab.attack.world import make_world
@@ -78,6 +80,11 @@ def run_all(arguments: argparse.Namespace, folder: Path) -> Iterator[tuple[str, 
         yield kind, title, run_forked(functools.partial(send_requests, title, world))[0]
     for kind, title in [row for row in list_numbers() if only in row[1]][chosen]:
         yield kind, title, run_forked(functools.partial(render_numbers, title))[0]
+    listed = list(list_reader_cases(folder / "readers"))
+    for number, (kind, title) in enumerate([row for row in listed if only in row[1]][chosen]):
+        scratch = folder / f"reader-{number}"
+        yield kind, title, run_forked(functools.partial(read_wrong_file, title, scratch))[0]
+        shutil.rmtree(scratch, ignore_errors=True)
     if arguments.kills:
         wanted = only.removeprefix("kill ")
         for name, said in kill_commands(world, folder, arguments.kills, arguments.seed, wanted):

@@ -12,11 +12,10 @@ import threading
 import weakref
 from collections.abc import Collection
 from pathlib import Path
-from typing import Any
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.files import UNFINISHED, check_name, remove_unfinished
+from gsut.files import UNFINISHED, FileError, check_name, read_json, remove_unfinished
 
 try:
     import fcntl
@@ -181,10 +180,9 @@ def _list_found(folder: Path, writes: Collection[str] | None) -> set[str]:
 def _read_owner(marker: Path) -> str | None:
     """Returns the command that the marker names; None if a crash tore it."""
     try:
-        content: Any = json.loads(marker.read_text(encoding="utf-8"))
-        command = content["command"]
-        return command if isinstance(command, str) else None
-    except (OSError, ValueError, TypeError, KeyError):
+        command: str = read_json(marker, {"command": str})["command"]
+        return command
+    except FileError:
         return None
 
 

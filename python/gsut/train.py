@@ -26,6 +26,7 @@ from gsut.training.first import (
     refine_first_poses,
 )
 from gsut.training.record import TrainingRecord, measure_training, write_results
+from gsut.training.surface import check_maps
 
 
 @dataclasses.dataclass
@@ -86,6 +87,7 @@ def train(
     refuse_too_large(scene, asked)  # check/: of the memory that is free
     given, scene = scene, prepare_scene(scene.centred, asked)  # data/: size of the images, shutter
     scene.check_pixels()  # data/: a damaged photograph is found now
+    check_maps(scene, asked)  # data/: and a damaged depth or normal file
     asked = choose_degree(scene, asked)  # of harmonics, as the photographs bear
     o = asked
     if o.background is None:

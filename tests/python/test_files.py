@@ -7,13 +7,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import gsut
 from formats.scene_cases import plain_scene
 from gsut import InputError, formats
-from gsut.data.export import copy_file
+from gsut.data.assemble import fit_camera
 from gsut.files import (
     WriteError,
     check_shape,
     claim_name,
+    copy_file,
     refuse_existing,
     to_file_name,
     whole_file,
@@ -22,6 +24,8 @@ from gsut.files import (
     write_picture,
 )
 from gsut.output_folder import claim_folder
+from gsut.run import RunFolder
+from gsut.sfm.photographs.stages import Stages
 
 
 def test_file_whose_writing_fails_leaves_the_old_one(tmp_path):
@@ -118,3 +122,26 @@ def test_check_shape_of_another_value_says_where(value, shape, said):
 def test_check_shape_of_what_fits_says_nothing():
     shape = {"a?": int, "b": [(str, type(None))], "c": {"*": [float]}, "d": frozenset("xy")}
     check_shape({"b": ["x", None], "c": {"k": [0.5]}, "d": "x", "more": []}, shape)
+
+
+@pytest.mark.parametrize("name", ["features.npz", "key.txt"])
+def test_stage_file_that_a_power_cut_left_empty_counts_as_absent(name, tmp_path):
+    stages = Stages(tmp_path, {"k": 1})
+    stages.save("features", {"a": np.arange(3)})
+    (stages.folder / name).write_bytes(b"")
+    assert Stages(tmp_path, {"k": 1}).load("features") is None
+
+
+@pytest.mark.parametrize("values", [{}, {"steps": 3}, [], None, {"psnr": "high"}])
+def test_metrics_of_a_run_without_a_figure_are_refused(values, tmp_path):
+    write_json(tmp_path / "metrics.json", values)
+    with pytest.raises(InputError, match=r"metrics\.json: cannot be understood .*damaged"):
+        RunFolder(tmp_path).read_json("metrics.json")
+
+
+def test_equirectangular_camera_of_a_picture_that_is_no_panorama_is_refused():
+    camera = gsut.Camera("equirectangular", [], 640, 480)
+    with pytest.raises(InputError, match=r"640 x 480 .* panorama is twice as wide as high"):
+        fit_camera(camera, 640, 480, Path("a.png"))
+    panorama = gsut.Camera("equirectangular", [], 640, 320)
+    assert fit_camera(panorama, 320, 160, Path("a.png")).width == 320

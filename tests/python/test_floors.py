@@ -12,7 +12,7 @@ lint_imports = pytest.importorskip("importlinter.cli").lint_imports
 
 ROOT = Path(__file__).resolve().parents[2]
 MAX_DOOR, MAX_DOORS = 30, 278  # names in a folder's __all__; in those of floors together
-WIDER_DOORS = {"files": 47}  # through which alone all others read and write, a name a kind of file
+WIDER_DOORS = {"files": 51}  # through which alone all others read and write, a name a kind of file
 LIBRARIES = {
     *("av", "cv2", "jinja2", "numpy", "PIL", "simplejpeg", "tqdm", "yaml"),
     # Optional: fewer faces, photographs, USD, SPZ, clusters, ROS bags.

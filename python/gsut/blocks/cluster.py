@@ -18,7 +18,7 @@ from gsut._core import InputError
 from gsut.blocks.segment import BlockLoop, run_segment
 from gsut.blocks.task import BlockTask, list_photographs
 from gsut.blocks.workers import Job, Report, summarize_state
-from gsut.files import write_file
+from gsut.files import read_bytes, write_file
 from gsut.run import read_checkpoint, write_checkpoint
 
 # Times that Ray repeats a segment whose worker or node is lost.
@@ -119,7 +119,7 @@ class Cluster:
         for job in jobs:
             if not job.is_done():
                 submit = self._make_submitter(job, photographs)
-                first = job.state.read_bytes() if job.state.is_file() else None
+                first = read_bytes(job.state) if job.state.is_file() else None
                 coming[submit(first)] = job, submit
         try:
             while coming:
@@ -147,7 +147,7 @@ class Cluster:
         )
         paths = list_photographs(read_checkpoint(job.task, ("views",)))
         files = [self._put(path, photographs) for path in paths]
-        task = self._ray.put(job.task.read_bytes())
+        task = self._ray.put(read_bytes(job.task))
 
         def submit(state: bytes | None) -> Any:
             before = None if state is None else self._ray.put(state)
@@ -159,7 +159,7 @@ class Cluster:
     def _put(self, path: str, known: dict[str, Any]) -> Any:
         """Puts a file's content into the cluster, once for all blocks."""
         if path not in known:
-            known[path] = self._ray.put(Path(path).read_bytes())
+            known[path] = self._ray.put(read_bytes(path))
         return known[path]
 
     def _fetch_result(self, done: Any, job: Job) -> tuple[bytes, dict[str, Any]]:
@@ -238,7 +238,7 @@ def train_segment(
     summary = summarize_state(after) | {"wall_seconds": time.perf_counter() - began}
     file = folder / "state.npz"
     write_checkpoint(file, after)
-    return file.read_bytes(), summary
+    return read_bytes(file), summary
 
 
 def _make_folder() -> Path:
@@ -268,7 +268,7 @@ def _store_photograph(path: str, content: Any, folder: Path) -> str:
 def _from_bytes(content: bytes, folder: Path) -> dict[str, Any]:
     file = folder / "incoming.npz"
     try:
-        file.write_bytes(content)
+        write_file(file, content)
         return read_checkpoint(file)
     except OSError as error:
         raise _make_disk_error(error) from None

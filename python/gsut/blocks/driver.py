@@ -18,6 +18,7 @@ from gsut.data.scene import digest_scene, keep_at_most
 from gsut.files import UNFINISHED, to_plain
 from gsut.run import BlockOptions, RunFile, RunFolder, TrainOptions, describe_environment, read_plan
 from gsut.training.first import choose_degree, prepare_scene
+from gsut.training.surface import check_maps
 
 # Version of the tasks' format; tasks of another version cannot be resumed.
 _TASKS = 4
@@ -59,6 +60,7 @@ def train_blocks(
     near = prepare_scene(scene.centred, o)
     keep_at_most(near, limit_cache_bytes(b))
     near.check_pixels()
+    check_maps(near, o)
     o = choose_degree(near, o)
     engine = Workers(b.workers, o.threads) if b.cluster is None else Cluster(b.cluster)
     run, o = _open_run(out, o, b, scene, resume)

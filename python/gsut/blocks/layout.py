@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 from typing import Any
 
 import numpy as np
 
 from gsut._core import InputError
-from gsut.files import check_regular
+from gsut.files import read_json, register_reader
 from gsut.run.options import MOST_BLOCKS
 
 # Distance from the cameras' box, x its diagonal, beyond which things are far.
@@ -75,20 +74,14 @@ class Layout:
         return layout
 
     @classmethod
+    @register_reader("layout of blocks", ".json")
     def read(cls, path: str) -> Layout:
         """Reads a layout from a JSON file.
 
         Raises:
             InputError: it cannot be read or understood.
         """
-        try:
-            with open(check_regular(path), encoding="utf-8") as file:
-                values = json.load(file)
-        except OSError as error:
-            raise InputError(f"cannot read {path}: {error.strerror}") from None
-        except (ValueError, RecursionError) as error:
-            raise InputError(f"{path}: not JSON ({error})") from None
-        return cls.from_dict(values, path)
+        return cls.from_dict(read_json(path, advice="correct it"), path)
 
 
 def cut_scene(points: np.ndarray, work: np.ndarray, centers: np.ndarray, count: int) -> Layout:

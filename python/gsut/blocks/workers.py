@@ -19,7 +19,7 @@ from gsut import _core
 from gsut._core import InputError
 from gsut.blocks.segment import BlockLoop, run_segment
 from gsut.blocks.task import BlockTask
-from gsut.files import whole_file
+from gsut.files import FileError, parse_json, whole_file
 from gsut.run import measure_peak_rss, read_checkpoint, release_memory, write_checkpoint
 
 # Times that a worker may end without a new state before the run ends: it would do so for ever.
@@ -219,13 +219,13 @@ class _Worker:
             )
             process.stdin.flush()
             for line in process.stdout:
-                message = json.loads(line)
+                message = parse_json(line, "a worker's message", dict)
                 if "error" in message:
                     raise InputError(message["error"])
                 if "done" in message:
                     return True
                 report(job, message)
-        except (OSError, json.JSONDecodeError):
+        except (OSError, FileError):
             pass  # it died while it was written to or was writing
         return False
 
@@ -249,7 +249,7 @@ def serve_forever(threads: int) -> None:
             out.write(json.dumps(message) + "\n")
 
     while (line := jobs.get()) is not None:
-        block, task, state = json.loads(line)
+        block, task, state = parse_json(line, "a job", list)
         try:
             run_job(Job(block, Path(task), Path(state)), lambda _, message: send(message))
             send({"done": True})

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import calendar
 import math
-import struct
 import time
-import warnings
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +13,9 @@ from gsut.capture.facts import PhotographFacts, Place
 from gsut.capture.focal import FocalStatement, find_focal_prior
 from gsut.capture.xmp import find_up, read_gimbal_angles
 from gsut.data.images import read_header
-from gsut.files import check_regular
+from gsut.files import FileError, check_regular, find_kind, open_image, register_reader
 
 _MILLIMETRES = {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}  # of FocalPlaneResolutionUnit
-RAW_SUFFIXES = (".dng", ".cr2", ".cr3", ".nef", ".arw", ".raf", ".rw2", ".orf")
 # EXIF tag of the orientation.
 _ORIENTATION = 0x0112
 # EXIF tag of the directory with exposure and lens.
@@ -39,52 +36,43 @@ _ALTITUDE = -500.0, 60_000.0
 _ACCURACY = 0.001, 10_000.0
 # Years of pictures by digital cameras.
 _YEARS = range(1980, 2101)
-# What Pillow raises on damaged metadata.
-_DAMAGED = (
-    ArithmeticError, AttributeError, AssertionError, LookupError, MemoryError, OSError,
-    RecursionError, RuntimeError, SyntaxError, TypeError, ValueError, struct.error,
-)  # fmt: skip
 
 
+@register_reader("facts of a photograph")
 def read_facts(path: Path) -> PhotographFacts:
     """Reads the header of a photograph.
 
     Raises:
         InputError: the format is not known, or the header is damaged.
     """
-    from PIL import Image
-
-    Image.MAX_IMAGE_PIXELS = None  # panoramas are no bombs
-    is_raw = path.suffix.lower() in RAW_SUFFIXES
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # Pillow's, on damaged metadata
-        size, mode = (_read_raw_size(path), "raw") if is_raw else (None, "")
-        try:
-            with Image.open(check_regular(path)) as image:
-                if size is None:
-                    size, mode = image.size, image.mode
-                exif = image.getexif()
-                tags = dict(exif)
-                if image.format == "TIFF" and not is_raw:  # decoders turn its pixels upright
-                    tags.pop(_ORIENTATION, None)
-                return _Reading(tags, exif, image.info.get("xmp")).to_facts(path, size, mode)
-        except _DAMAGED as error:
-            if is_raw and size is not None:
-                return PhotographFacts(path, *size, mode)  # only DNG and its like are TIFF
-            note = f"the metadata is damaged and is not used ({error})"
-            return PhotographFacts(
-                path, *(size or _read_size(path, error)), mode or "RGB", notes=(note,)
-            )
+    is_raw = find_kind(path) == "raw"
+    size, mode = (_read_raw_size(path), "raw") if is_raw else (None, "")
+    try:
+        with open_image(path) as image:
+            if size is None:
+                size, mode = image.size, image.mode
+            exif = image.getexif()
+            tags = dict(exif)
+            if image.format == "TIFF" and not is_raw:  # decoders turn its pixels upright
+                tags.pop(_ORIENTATION, None)
+            return _Reading(tags, exif, image.info.get("xmp")).to_facts(path, size, mode)
+    except FileError as error:
+        if is_raw and size is not None:
+            return PhotographFacts(path, *size, mode)  # only DNG and its like are TIFF
+        note = f"the metadata is damaged and is not used ({error.what})"
+        return PhotographFacts(
+            path, *(size or _read_size(path, error)), mode or "RGB", notes=(note,)
+        )
 
 
-def _read_size(path: Path, error: BaseException) -> tuple[int, int]:
+def _read_size(path: Path, error: FileError) -> tuple[int, int]:
     """Reads the size of a picture whose metadata Pillow takes for a damaged picture."""
     try:
         header = read_header(path)
     except InputError:
         raise InputError(
-            f"{path}: cannot be read as a photograph ({error}); copy it again, or export it as "
-            "JPEG or PNG"
+            f"{path}: cannot be read as a photograph ({error.what}); copy it again, or export it "
+            "as JPEG or PNG"
         ) from None
     return header.width, header.height
 
@@ -94,7 +82,7 @@ def _read_raw_size(path: Path) -> tuple[int, int]:
     import rawpy
 
     try:
-        with rawpy.imread(str(path)) as raw:
+        with rawpy.imread(str(check_regular(path))) as raw:
             return raw.sizes.width, raw.sizes.height
     except rawpy.LibRawError as error:
         raise InputError(

@@ -87,9 +87,11 @@ class FilmFacts:
             metres.
         forces: (M, 4) seconds, and what the accelerometer felt in m/s^2 in the camera's axes of
             the frames shown: gravity's reaction, which points up, and its own acceleration.
+        notes: what could not be read.
     """
 
     camera: str = ""
     rotation: int = 0
     track: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 4)))
     forces: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 4)))
+    notes: tuple[str, ...] = ()

@@ -136,6 +136,7 @@ def extract_frames(
     (folder / IMAGES).mkdir(parents=True, exist_ok=True)
     flows = _write(files, chosen, names, folder / IMAGES, report)
     facts, times = read_film_facts(path), np.array([c.time for c in chosen])
+    notes += facts.notes
     places = interpolate_places(facts.track, times)
     # The circles of two lenses have axes of their own.
     ups = average_ups(facts.forces if beside is None else facts.forces[:0], times)

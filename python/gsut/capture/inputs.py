@@ -9,6 +9,7 @@ from typing import Any
 
 from gsut._core import InputError
 from gsut.bounds import check_number
+from gsut.capture.folders import expand_folders
 from gsut.capture.frames import Capture, OnProgress, extract_frames
 from gsut.capture.panorama import find_other_lens, prepare_panoramas
 from gsut.capture.photographs import collect_photographs, find_photograph_files
@@ -49,7 +50,8 @@ def capture(
     """
     if count is not None:
         check_number(count, "count", 1, whole=True)
-    return prepare_panoramas(_take_pictures(inputs, out, count, on_progress), nadir_cap)
+    paths = expand_folders(list(map(Path, inputs)))
+    return prepare_panoramas(_take_pictures(paths, out, count, on_progress), nadir_cap)
 
 
 def find_changed_inputs(
@@ -60,7 +62,7 @@ def find_changed_inputs(
     Returns:
         "" if none did, if `out` holds no pictures yet, or if an input is missing.
     """
-    taken, paths = read_capture(Path(out)), [Path(name) for name in inputs]
+    taken, paths = read_capture(Path(out)), expand_folders([Path(name) for name in inputs])
     if taken is None or not all(path.exists() for path in paths):
         return ""
     # Pictures of several videos are parts in folders of their own.

@@ -8,10 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import InputError
-from gsut.capture.exif import RAW_SUFFIXES
-from gsut.files import check_regular
-
-HEIF_SUFFIXES = (".heic", ".heif")
+from gsut.files import check_regular, find_kind, open_image
 
 
 def require_readers(paths: Sequence[Path]) -> None:
@@ -20,18 +17,20 @@ def require_readers(paths: Sequence[Path]) -> None:
     Raises:
         InputError: one is not installed; the message says how to install it.
     """
-    suffixes = {path.suffix.lower() for path in paths}
-    if suffixes & set(HEIF_SUFFIXES):
+    suffixes: dict[str, set[str]] = {}
+    for path in paths:
+        suffixes.setdefault(find_kind(path), set()).add(path.suffix.lower())
+    if "heif" in suffixes:
         try:
             import pillow_heif
         except ImportError:
-            raise _explain_missing("HEIC", "pillow-heif", suffixes & set(HEIF_SUFFIXES)) from None
+            raise _explain_missing("HEIC", "pillow-heif", suffixes["heif"]) from None
         pillow_heif.register_heif_opener()
-    if suffixes & set(RAW_SUFFIXES):
+    if "raw" in suffixes:
         try:
             import rawpy  # noqa: F401
         except ImportError:
-            raise _explain_missing("raw", "rawpy", suffixes & set(RAW_SUFFIXES)) from None
+            raise _explain_missing("raw", "rawpy", suffixes["raw"]) from None
 
 
 def _explain_missing(kind: str, library: str, suffixes: set[str]) -> InputError:
@@ -43,14 +42,12 @@ def _explain_missing(kind: str, library: str, suffixes: set[str]) -> InputError:
 
 def decode_stored(path: Path) -> np.ndarray:
     """Decodes the stored pixels to (H, W, 3) uint8 RGB."""
-    if path.suffix.lower() in RAW_SUFFIXES:
+    if find_kind(path) == "raw":
         import rawpy
 
-        with rawpy.imread(str(path)) as raw:
+        with rawpy.imread(str(check_regular(path))) as raw:
             return raw.postprocess(use_camera_wb=True, user_flip=0)
-    from PIL import Image
-
-    with Image.open(check_regular(path)) as image:
+    with open_image(path) as image:
         if image.mode.startswith("I"):
             grey = np.asarray(image).astype(np.float64) / 257
             return np.repeat(grey.round().clip(0, 255).astype(np.uint8)[:, :, None], 3, axis=2)

@@ -21,10 +21,11 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError, __version__
-from gsut.capture.exif import RAW_SUFFIXES, read_facts
+from gsut.capture.exif import read_facts
 from gsut.capture.facts import PhotographFacts
+from gsut.capture.folders import explain_no_photographs, list_folder
 from gsut.capture.frames import IMAGES, Capture, OnProgress, read_finished_capture
-from gsut.capture.photograph_formats import HEIF_SUFFIXES, decode_stored, require_readers
+from gsut.capture.photograph_formats import decode_stored, require_readers
 from gsut.capture.strip import write_strip
 from gsut.data import CAPTURE, list_some
 from gsut.data.images import IMAGE_SUFFIXES, find_common_mask, find_mask
@@ -32,6 +33,7 @@ from gsut.data.layouts import require_pictures
 from gsut.data.scene import capture_state
 from gsut.files import (
     claim_name,
+    find_kind,
     reading,
     to_file_name,
     write_json,
@@ -40,7 +42,6 @@ from gsut.files import (
 from gsut.lens import FocalPrior
 from gsut.orientation import ORIENTATIONS, UNMIRRORED, count_turns
 
-PHOTOGRAPH_SUFFIXES = (*IMAGE_SUFFIXES, *HEIF_SUFFIXES, *RAW_SUFFIXES)
 # Pillow's pixel formats that are used without conversion.
 _AS_STORED = ("RGB", "RGBA", "L", "LA", "P", "I;16", "I;16B", "1", "I")
 # Most relative difference of focal lengths of one zoom setting: EXIF rounds them.
@@ -63,8 +64,9 @@ class _Plan:
 
     @property
     def is_written(self) -> bool:
-        suffix = self.facts.path.suffix.lower()
-        strange = suffix not in IMAGE_SUFFIXES or self.facts.mode not in _AS_STORED
+        path = self.facts.path
+        is_usual = path.suffix.lower() in IMAGE_SUFFIXES and find_kind(path) == "picture"
+        strange = not is_usual or self.facts.mode not in _AS_STORED
         return strange or self.is_mirrored or self.turned or self.size is not None
 
     @property
@@ -104,14 +106,14 @@ def collect_photographs(
         InputError: no photographs, or a format that needs a library which is not installed.
     """
     report = on_progress or (lambda *_: None)
-    files = find_photograph_files(inputs)
-    folder = Path(out)
+    found = _find_photographs(inputs)
+    files, folder = found.files, Path(out)
     key = {"version": __version__, "inputs": capture_state(list(files.values()))}
     done = read_finished_capture(folder, key)
     if done is not None:
         return done
     require_readers(list(files.values()))
-    notes: list[str] = []
+    notes = [*found.notes]
     facts = _read_all_facts(files, notes, report)
     if not facts:
         raise InputError(f"none of the {len(files)} photographs can be read: {notes[0]}")
@@ -129,7 +131,8 @@ def collect_photographs(
         row["accuracy"] = None if f.place is None else f.place.accuracy
         row["heading"] = f.heading
         row["up"] = None if plan.turned else f.up
-        mask = None if plan.is_written else _find_mask(f.path, plan.name)
+        mask = found.masks.get(f.path) or _find_mask(f.path, plan.name)
+        mask = None if plan.is_written else mask
         row["mask"] = None if mask is None else os.path.relpath(mask, folder.resolve())
     figures: dict[str, Any] = {
         "kind": "photographs", "key": key, "inputs": [str(i) for i in inputs], "notes": notes,
@@ -146,40 +149,49 @@ def collect_photographs(
     return Capture(folder, figures)
 
 
+@dataclasses.dataclass
+class _Photographs:
+    """Photographs by name, the masks beside them, and what was passed over."""
+
+    files: dict[str, Path] = dataclasses.field(default_factory=dict)
+    masks: dict[Path, Path] = dataclasses.field(default_factory=dict)
+    notes: list[str] = dataclasses.field(default_factory=list)
+
+
 def find_photograph_files(inputs: Sequence[str | os.PathLike[str]]) -> dict[str, Path]:
-    """Finds the photographs in each folder, or in its folder images, sorted, by name.
+    """Finds the photographs in each folder, see `list_folder`, by name.
 
     Raises:
         InputError: an input does not exist, or there is no photograph at all.
     """
-    found: dict[str, Path] = {}
-    seen: set[Path] = set()
+    return _find_photographs(inputs).files
+
+
+def _find_photographs(inputs: Sequence[str | os.PathLike[str]]) -> _Photographs:
+    found, seen = _Photographs(), set[Path]()
     for given in map(Path, inputs):
-        home = given if given.is_dir() else given.parent
         if given.is_dir():
-            inner = given / "images"
-            root = inner if inner.is_dir() else given
-            paths = sorted(root.rglob("*") if inner.is_dir() else root.glob("*"))
+            listed = list_folder(given)
+            home, root, paths = given, listed.root, listed.photographs
+            found.masks |= listed.masks
+            found.notes += filter(None, [listed.describe_rest()])
         elif given.is_file():
-            root, paths = given.parent, [given]
+            home = root = given.parent
+            paths = [given] if find_kind(given) not in ("", "video") else []
         else:
             raise InputError(f"{given}: no such file or folder; give a video or photographs")
+        # Folders in images are cameras; those of a memory card are not.
+        between = "/" if root != home else "-"
         for path in paths:
-            if path.suffix.lower() not in PHOTOGRAPH_SUFFIXES:
-                continue
-            if path.name == "mask.png" and path != given:
-                continue  # of the folder's photographs, or of one camera's
             real = path.resolve()
             if real not in seen:
                 seen.add(real)
-                found[_name_uniquely(path.relative_to(root).as_posix(), home, found)] = path
-    if not found:
+                name = between.join(path.relative_to(root).parts)
+                found.files[_name_uniquely(name, home, found.files)] = path
+    if not found.files:
         for path in map(Path, inputs):
             require_pictures(path)
-        raise InputError(
-            f"{', '.join(map(str, inputs))}: there are no photographs here ("
-            f"{', '.join(PHOTOGRAPH_SUFFIXES)}); give a folder of them, or a video"
-        )
+        raise explain_no_photographs(list(map(Path, inputs)))
     return found
 
 

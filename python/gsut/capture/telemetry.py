@@ -9,6 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
+from gsut.capture.streams import list_films
+from gsut.files import check_regular
+
 # Bytes of a GPMF record's header: key, type, size, repeats.
 _HEADER = 8
 # Start of a GPMF payload, which holds devices.
@@ -44,9 +47,9 @@ def read_streams(video: Path) -> tuple[int, dict[str, np.ndarray]]:
 
     damaged = (av.FFmpegError, OSError, ValueError, LookupError)
     rotation, found = 0, dict[str, list[np.ndarray]]()
-    with contextlib.suppress(*damaged), av.open(str(video.absolute())) as film:
+    with contextlib.suppress(*damaged), av.open(str(check_regular(video).absolute())) as film:
         with contextlib.suppress(*damaged, StopIteration):
-            first = next(film.decode(film.streams.video[0]))
+            first = next(film.decode(list_films(film)[0]))
             rotation = round(-first.rotation / 90) * 90 % 360
         film.seek(0)
         tracks = film.streams.data

@@ -30,6 +30,9 @@ _CUE = re.compile(r"(\d{1,3}):(\d{1,2}):(\d{1,2})[,.](\d{1,9}) *-->.*?(?=\n\s*\n
 _NAMES = ("latitude",), ("longitude", "longtitude"), ("abs_alt", "altitude", "rel_alt")
 # A number after such a word.
 _NUMBER = r"\s*:?\s*(-?\d{1,9}(?:\.\d{0,15})?)"
+# Older drones write GPS(longitude, latitude, satellites or altitude) and the barometer's altitude.
+_GPS = re.compile(rf"\bGPS\s?\({_NUMBER}\s?,{_NUMBER}(?:\s?,{_NUMBER})?")
+_BAROMETER = re.compile(rf"\bBAROMETER{_NUMBER}")
 
 
 def read_film_facts(video: Path) -> FilmFacts:
@@ -42,28 +45,35 @@ def read_film_facts(video: Path) -> FilmFacts:
     rotation, streams = read_streams(video)
     forces = streams.get("ACCL", np.zeros((0, 4)))
     good = np.isfinite(forces).all(axis=1) & (np.abs(forces[:, 1:]) < _MOST_FORCE).all(axis=1)
+    track, note = _find_track(video, streams)
     return FilmFacts(
-        read_camera_name(video), rotation, _find_track(video, streams),
-        _turn_forces(forces[good], rotation),
+        read_camera_name(video), rotation, track, _turn_forces(forces[good], rotation),
+        tuple(filter(None, [note])),
     )  # fmt: skip
 
 
-def _find_track(video: Path, streams: dict[str, np.ndarray]) -> np.ndarray:
-    """Returns (N, 4) seconds, latitude, longitude and altitude, (0, 4) if there are no places."""
+def _find_track(video: Path, streams: dict[str, np.ndarray]) -> tuple[np.ndarray, str]:
+    """Finds (N, 4) seconds, latitude, longitude and altitude, (0, 4) if there are no places; and
+    what to say of subtitles that have none.
+    """
+    note = ""
     for suffix in (".SRT", ".srt"):
         subtitles = video.with_suffix(suffix)
         if subtitles.is_file():
             with open(subtitles, "rb") as file:
                 text = file.read(_MOST_SUBTITLES).decode("utf-8", "replace")
-            return _drop_implausible(_parse_subtitles(text))
+            track = _drop_implausible(_parse_subtitles(text))
+            if len(track):
+                return track, ""
+            note = f"{subtitles.name}: no positions are found in these subtitles (SRT)"
     for name, columns in _STREAMS.items():
         rows = streams.get(name, np.zeros((0, 5)))
         if rows.shape[1] <= max(columns):
             continue
         rows = _drop_implausible(rows[:, [0, *columns]])
         if len(rows) >= _FEWEST:
-            return rows
-    return np.zeros((0, 4))
+            return rows, ""
+    return np.zeros((0, 4)), note
 
 
 def _turn_forces(forces: np.ndarray, rotation: int) -> np.ndarray:
@@ -129,6 +139,11 @@ def _parse_subtitles(text: str) -> np.ndarray:
             next(filter(None, (re.search(rf"\b{n}{_NUMBER}", cue[0], re.I) for n in names)), None)
             for names in _NAMES
         ]
-        if all(values):
-            rows.append([time, *(float(value[1]) for value in values if value)])
+        numbers = [value[1] for value in values if value]
+        gps = _GPS.search(cue[0])
+        if len(numbers) < len(values) and gps is not None:
+            height = _BAROMETER.search(cue[0])
+            numbers = [gps[2], gps[1], height[1] if height else gps[3] or "0"]
+        if len(numbers) == len(values):
+            rows.append([time, *map(float, numbers)])
     return np.array(rows, np.float64).reshape(-1, 4)

@@ -21,9 +21,9 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.capture.boxes import list_boxes
-from gsut.files import check_regular
+from gsut.capture.streams import is_woven, list_films, show_upright
+from gsut.files import check_regular, find_kind
 
-VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".mts", ".m2ts", ".360", ".insv")
 # GoPro's firmware names since HERO9; before, HD8 is HERO8.
 _GOPRO = {
     "HD9": "HERO9", "H19": "Max", "H21": "HERO10", "H22": "HERO11", "H23": "HERO12",
@@ -49,8 +49,8 @@ _CONVERT = "convert it: ffmpeg -i IN -c:v libx264 -crf 16 OUT.mp4"
 
 
 def is_video(path: str | os.PathLike[str]) -> bool:
-    """Returns whether the name is that of a video."""
-    return Path(path).suffix.lower() in VIDEO_SUFFIXES
+    """Returns whether a file is a video; of one that is not there, whether its name is."""
+    return find_kind(path) == "video"
 
 
 class Video:
@@ -84,7 +84,7 @@ class Video:
         if not self.path.is_file():
             raise InputError(f"{path}: no such file; give a video or a folder of photographs")
         self._container = _open_video(self.path)
-        stream = self._container.streams.video[0]
+        stream = list_films(self._container)[0]
         self._unread: list[int] = []
         self._frames = _decode_films(self.path, self._container, 0, self._unread)
         self._other: Iterator[_Timed] | None = None
@@ -97,7 +97,7 @@ class Video:
         self.frame_count = stream.frames or round(self.duration * self.frame_rate)
         self.untimed = 0
         self.damaged: list[float] = []
-        self.interlaced = 0
+        self.interlaced = self._converted = self._woven = 0
         self.stretch = _find_stretch(stream)
         self._curve = _BRIGHT_CURVES.get(stream.codec_context.color_trc, "")
         self.width, self.height = _stretch_size(stream, self.stretch)
@@ -137,7 +137,9 @@ class Video:
             for f in frames
         ]
         if len(pictures) == 1:
-            return np.ascontiguousarray(np.rot90(pictures[0], frames[0].rotation // 90))
+            self._converted += 1
+            self._woven += is_woven(pictures[0])
+            return show_upright(pictures[0], frames[0])
         return np.hstack(pictures) if pictures[0].shape == pictures[1].shape else None
 
     def list_notes(self, count: int) -> list[str]:
@@ -161,11 +163,12 @@ class Video:
                 f"the pixels of {name} are {self.stretch:.4g} times as wide as high: its frames are"
                 f" stretched to square ones ({self.width} x {self.height})"
             )
-        if self.interlaced:
+        woven = count if 2 * self._woven > self._converted else 0  # without the film saying so
+        if self.interlaced or woven:
             notes.append(
-                f"{self.interlaced} of {count} frames of {name} are interlaced: every other line "
-                "was taken at another moment, which blurs what moves; make whole frames of it: "
-                "ffmpeg -i IN -vf bwdif -c:v libx264 -crf 16 OUT.mp4"
+                f"{self.interlaced or woven} of {count} frames of {name} are interlaced: every "
+                "other line was taken at another moment, which blurs what moves; make whole frames "
+                "of it: ffmpeg -i IN -vf bwdif -c:v libx264 -crf 16 OUT.mp4"
             )
         if self.untimed:
             notes.append(
@@ -220,13 +223,13 @@ def read_stream_start(
 
     try:
         with av.open(_name_file(check_regular(path))) as container:
-            streams = container.streams.video
+            streams = list_films(container)
             if stream >= len(streams):
                 return None
             of = streams[stream]
             size = of.codec_context.width, of.codec_context.height
             about = size, of.frames, of.average_rate
-            frames = itertools.islice(container.decode(video=stream), count)
+            frames = itertools.islice(container.decode(of), count)
             pictures = [frame.to_ndarray(format="bgr24") for frame in frames]
     except (av.FFmpegError, OSError):
         return None  # reading the frames reports what is wrong with the file
@@ -269,11 +272,11 @@ def _decode_films(path: Path, container: Any, number: int, unread: list[int]) ->
             if film:
                 part = opened.enter_context(contextlib.closing(_open_slice(path, start, end)))
                 container = _open_container(part)
-                if container is None or len(container.streams.video) <= number:
+                if container is None or len(list_films(container)) <= number:
                     unread.append(film + 1)
                     continue
                 opened.enter_context(container)
-            stream = container.streams.video[number]
+            stream = list_films(container)[number]
             zero, last = stream.start_time or 0, begin
             for frame, is_sound in _decode_stream(container, stream):
                 shown = (frame.width, frame.height, frame.rotation)
@@ -347,7 +350,7 @@ def _open_container(source: Any) -> Any:
     with contextlib.suppress(av.FFmpegError, OSError):
         container = av.open(source)
         # A stream whose codec is not known has no width.
-        if any(getattr(stream, "width", 0) > 0 for stream in container.streams.video[:1]):
+        if any(getattr(stream, "width", 0) > 0 for stream in list_films(container)[:1]):
             return container
         container.close()
     return None

@@ -12,12 +12,13 @@ from gsut.check.far_poses import check_far_pose
 from gsut.check.findings import Finding, finding_from_error, has_errors, sort_findings
 from gsut.check.geometry import check_lenses, check_points, check_poses
 from gsut.check.images import check_bits, check_images
+from gsut.check.masks import check_masks
 from gsut.check.matches import ImagePair, match_neighbours
 from gsut.check.memory import check_memory
 from gsut.check.photographs import check_closely, check_photographs
 from gsut.check.points import check_points_frame
 from gsut.data import Scene, assemble, load_dataset, read_dataset
-from gsut.data.scene import TEST_EVERY
+from gsut.data.scene import TEST_EVERY, find_bad_maps
 
 _COLOR_VIEWS = 5  # views whose colours the quick check compares: enough for a median
 
@@ -33,7 +34,7 @@ def check_scene(scene: Scene, matches: list[ImagePair] | None = None) -> list[Fi
         Findings, errors first.
     """
     findings = [*check_lenses(scene), *check_poses(scene), *check_points(scene)]
-    findings += check_bits(scene)
+    findings += [*check_bits(scene), *check_masks(scene)]
     return sort_findings([*findings, *check_against_photographs(scene, _COLOR_VIEWS, matches)])
 
 
@@ -107,7 +108,12 @@ def _diagnose_scene(scene: Scene, progress: bool) -> list[Finding]:
         *check_lenses(scene),
         *check_poses(scene),
         *check_points(scene),
+        *check_masks(scene),
         *check_images(scene, progress=progress),
+        *(
+            Finding("warning", where, str(error), "training with --surface stops there")
+            for error in find_bad_maps(scene)
+        ),
         *check_colors(scene, progress=progress),
     ]
 

@@ -3,25 +3,28 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from gsut._core import InputError
 from gsut.bounds import check_number
-from gsut.files import format_json
+from gsut.files import ENDINGS, format_json
 from gsut.terminal import say
+
+if TYPE_CHECKING:
+    from gsut.run import RunFolder
 
 # Of pictures, films, scenes and tables: nobody means a folder by such a name.
 FILE_SUFFIXES = frozenset(
     f".{name}"
     for names in (
-        "avi gif insv m4v mkv mov mp4 mpeg mpg webm",
-        "bmp heic jpeg jpg png tif tiff webp",
-        "fbx glb gltf ksplat las laz obj ply rad sog splat spz stl usd usda usdc usdz xyz",
+        "gif glb gltf fbx ksplat las laz obj ply rad sog splat spz stl usd usda usdc usdz xyz",
         "csv html json npz pdf txt zip",
     )
     for name in names.split()
-)
+).union(*ENDINGS.values())
 
 
 def add_json(parser: argparse.ArgumentParser) -> None:
@@ -59,11 +62,44 @@ def check_first(scene: Any, force: bool, quiet: bool = False, matches: Any = Non
     from gsut.check import check_scene, stop_at_errors
 
     findings = check_scene(scene, matches)
+    _say_findings(findings, quiet)
+    stop_at_errors(findings, force)
+    return findings
+
+
+def show_findings(scene: Any, run: RunFolder | None, quiet: bool = False) -> None:
+    """Prints what the doctor says of a trained scene, where poses or lens make the result worse.
+
+    Args:
+        scene: whose poses and lenses are trusted.
+        run: that trained it; `gsut train` kept the findings there. Else they are made now.
+        quiet: print nothing.
+    """
+    from gsut.check import Finding, check_scene
+    from gsut.run import RunFile
+
+    if quiet:
+        return
+    kept = None if run is None else run.read_json(RunFile.FINDINGS)
+    if kept is not None:
+        findings = [Finding(**each) for each in kept["findings"]]
+    else:
+        findings = check_scene(scene)
+    _say_findings(findings)
+
+
+def keep_findings(run: RunFolder, findings: Sequence[Any]) -> None:
+    """Writes what the doctor says of a run's data."""
+    from gsut.run import RunFile
+
+    rows = [dataclasses.asdict(each) for each in findings if each.severity != "info"]
+    run.write_json(RunFile.FINDINGS, {"findings": rows})
+
+
+def _say_findings(findings: Sequence[Any], quiet: bool = False) -> None:
     for finding in findings:
         if not quiet and finding.severity != "info":
             say(str(finding))
-    stop_at_errors(findings, force)
-    return findings
 
 
 def add_capture(parser: argparse.ArgumentParser) -> None:

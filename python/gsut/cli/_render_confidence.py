@@ -11,7 +11,7 @@ import numpy as np
 from gsut._core import InputError
 from gsut.compact import measure_confidence
 from gsut.evaluate import write_report
-from gsut.files import whole_file
+from gsut.files import write_npz
 from gsut.page import paint_values
 from gsut.render import Confidence, write_png
 from gsut.run import Progress, RunFile, RunFolder
@@ -74,8 +74,7 @@ class ConfidenceOutput:
         """Writes one image's maps, as numbers and as a picture."""
         (folder / _FOLDER).mkdir(exist_ok=True)
         file = folder / _FOLDER / f"{name}.npz"
-        with whole_file(file) as temporary, temporary.open("wb") as stream:
-            np.savez_compressed(stream, **{each: getattr(result, each) for each in _MAPS})
+        write_npz(file, {each: getattr(result, each) for each in _MAPS}, pack=True)
         drawn = result.camera.rays()[1]  # a fisheye's corners show nothing that could be seen
         never = drawn & (result.seen_views == 0)
         write_png(file.with_suffix(".png"), paint_confidence(result.color_sigma, never), turns)

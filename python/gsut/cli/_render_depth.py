@@ -12,7 +12,7 @@ import numpy as np
 from gsut._core import CameraMotion, InputError
 from gsut.data import Frame, write_transforms
 from gsut.data.poses import invert_pose
-from gsut.files import refuse_existing, whole_file
+from gsut.files import refuse_existing, write_npy
 from gsut.render import measure_depth, write_png, z_from_distance
 from gsut.surface import Cloud, DepthMap, save_mesh
 from gsut.terminal import say
@@ -80,8 +80,7 @@ class DepthOutput:
         depth = measure_depth(result, self._kind, self._along)
         (self.folder / _DEPTH).mkdir(exist_ok=True)
         file = self.folder / _DEPTH / f"{name}.npy"
-        with whole_file(file) as temporary:
-            np.save(temporary, depth.astype(np.float32))
+        write_npy(file, depth.astype(np.float32))
         with np.errstate(invalid="ignore"):
             levels = np.rint(depth / UNIT)
             fits = levels <= _LEVELS

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.files import whole_file
+from gsut.files import write_npy
 from gsut.formats import load_gaussians
 from gsut.lifting import Lifted
 from gsut.render import write_png
@@ -66,5 +66,4 @@ class LiftedOutput:
             labels = np.where(shown < 0, _NO_LABEL, shown).astype(np.uint16)
             write_png(folder / _FOLDER / f"{name}.png", labels)
             return
-        with whole_file(folder / _FOLDER / f"{name}.npy") as temporary:
-            np.save(temporary, shown)
+        write_npy(folder / _FOLDER / f"{name}.npy", shown)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import glob
 import importlib
-import json
 import os
 import sys
 from collections.abc import Sequence
@@ -14,7 +13,7 @@ from types import ModuleType
 
 from gsut._core import InputError
 from gsut.cli._flags import add_json, add_quiet, finite, print_json
-from gsut.files import check_regular
+from gsut.files import ENDINGS, check_regular, read_json
 from gsut.output_folder import claim_folder
 from gsut.terminal import say
 
@@ -26,7 +25,6 @@ DESCRIPTION = (
 _HERE = Path(__file__).resolve().parent
 # The folder that holds calib/: of an installed gsut, or of the repository.
 _PLACES = (_HERE.parent / "share", _HERE.parents[2])
-_IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp")
 _LENSES = ("auto", "fisheye", "opencv4", "opencv8", "splined")
 _REPORT = "report.json"  # beside the lens file
 _SOLVERS = ("auto", "opencv", "mrcal")
@@ -96,7 +94,7 @@ def run(arguments: argparse.Namespace) -> int:
     with claim_folder(out.parent, "calibrate", writes=writes):
         _calibrate(arguments)
     if arguments.json:
-        print_json(json.loads((out.parent / _REPORT).read_text(encoding="utf-8")))
+        print_json(read_json(out.parent / _REPORT))
     return 0
 
 
@@ -158,9 +156,9 @@ def _list_images(given: list[str]) -> list[Path]:
     for name in given:
         path = Path(name)
         if path.is_dir():
-            inside = [p for p in sorted(path.iterdir()) if p.suffix.lower() in _IMAGE_SUFFIXES]
+            inside = [p for p in sorted(path.iterdir()) if p.suffix.lower() in ENDINGS["picture"]]
             if not inside:
-                raise InputError(f"{path} holds no images ({', '.join(_IMAGE_SUFFIXES)})")
+                raise InputError(f"{path} holds no images ({', '.join(ENDINGS['picture'])})")
             found += inside
         elif not path.exists() and glob.has_magic(name):
             matches = sorted(glob.glob(name))

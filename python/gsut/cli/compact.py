@@ -14,6 +14,7 @@ from gsut.cli._flags import (
     add_quiet,
     finite,
     print_json,
+    show_findings,
     whole,
 )
 from gsut.files import refuse_existing
@@ -139,6 +140,7 @@ def _compact_run(arguments: argparse.Namespace, options: Any) -> dict[str, Any]:
     target = RunFolder.claim(arguments.out, "compact", arguments.source)
     target.refuse_finished(arguments.source)  # before anything that takes long
     trained = load_run(arguments.source)
+    show_findings(trained.scene, source, arguments.quiet)
     check_room("compacting", [trained.gaussians], _WORKING, StoredGaussians.DRAWN_BYTES)
 
     def on_try(count: int, psnr: float) -> None:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from gsut.cli._flags import add_force, add_json, add_quiet, check_first, print_json
-from gsut.files import check_name, refuse_existing, whole_folder, write_picture
+from gsut.files import check_name, refuse_existing, whole_folder, write_npy, write_picture
 
 if TYPE_CHECKING:
     from gsut.data import Frame, Scene
@@ -48,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
     if not out.is_dir() or any(out.iterdir()):
         refuse_existing(out, " with -o")
     scene = gsut.load_dataset(arguments.data, test_every=0)
-    check_first(scene, arguments.force, quiet=True)
+    check_first(scene, arguments.force, arguments.quiet)
     with Progress(not arguments.quiet) as bars:
         maps = find_depth_maps(
             scene,
@@ -86,7 +86,7 @@ def _write_view(scene: Scene, view: int, found: DepthMap, folder: Path, name: st
     files = {what: folder / what / f"{name}.npy" for what in ("depth", "confidence")}
     for file, values in zip(files.values(), (found.depth, found.weight), strict=True):
         file.parent.mkdir(exist_ok=True)
-        np.save(file, np.asarray(values))
+        write_npy(file, np.asarray(values))
     normals = folder / "normals" / f"{name}.png"
     normals.parent.mkdir(exist_ok=True)
     write_picture(normals, _encode_normals(np.asarray(found.normals)))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import json
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,7 @@ from gsut._core import InputError
 from gsut.bounds import LEAST_SCALE
 from gsut.cli._flags import add_json, finite, print_json
 from gsut.cli.convert import find_scene_file
-from gsut.files import refuse_existing
+from gsut.files import Number, read_json, refuse_existing, register_reader
 
 HELP = "cut, level, scale and merge scenes"
 DESCRIPTION = (
@@ -23,6 +22,8 @@ DESCRIPTION = (
 )
 
 _WORKING = 5.0  # of the Gaussians' numbers, beside them: turned in float64, and written
+# Of dataparser_transforms.json.
+_UNDO = {"transform": Number(shape=(3, 4)), "scale": Number(least=float(np.finfo(float).tiny))}
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
@@ -259,18 +260,18 @@ def _fit_of_positions(arguments: argparse.Namespace) -> Any:
     return fit_positions(poses, positions, arguments.positions)
 
 
+@register_reader("transforms of nerfstudio's trainings", ".json")
 def _read_undo(path: Path) -> tuple[float, np.ndarray, np.ndarray]:
     """Reads scale, rotation (3, 3) and translation (3,) that take nerfstudio's coordinates back.
 
     nerfstudio trains in x' = s (R x + t), with R and t in "transform" and s in "scale".
     """
-    where = f"{path}: is no dataparser_transforms.json"
-    try:
-        values = json.loads(path.read_text(encoding="utf-8"))
-        transform, scale = np.array(values["transform"], np.float64), float(values["scale"])
-    except (ValueError, KeyError, TypeError) as error:
-        raise InputError(f"{where} ({error!r})") from error
-    if transform.shape != (3, 4) or not np.isfinite(transform).all() or not 0 < scale < np.inf:
-        raise InputError(f"{where}: expected a 3 x 4 transform and a scale above 0")
+    values = read_json(
+        path, _UNDO,
+        fails=lambda where, what, _: InputError(
+            f"{where}: is no dataparser_transforms.json ({what})"
+        ),
+    )  # fmt: skip
+    transform, scale = np.array(values["transform"], np.float64), float(values["scale"])
     back = transform[:, :3].T
     return 1 / scale, back, -back @ transform[:, 3]

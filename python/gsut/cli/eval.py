@@ -14,6 +14,7 @@ from gsut.cli._flags import (
     add_run,
     print_json,
     read_folder_name,
+    show_findings,
 )
 from gsut.files import whole_folder
 from gsut.terminal import say
@@ -82,6 +83,7 @@ def run(arguments: argparse.Namespace) -> int:
             f"{scene.path} has no {arguments.split} views with these options; try --split all"
         )
     with whole_folder(arguments.out) if arguments.out else contextlib.nullcontext() as out:
+        show_findings(trained_on, run)
         figures = _measure_run(
             arguments, run, options, (trained_on, scene), gaussians, indices, out
         )

@@ -9,7 +9,12 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.cli._flags import add_json, print_json, whole
+from gsut.cli._flags import (
+    add_json,
+    print_json,
+    show_findings,
+    whole,
+)
 from gsut.files import refuse_existing
 
 HELP = "put labels or other numbers of pixels onto the Gaussians, without training"
@@ -96,7 +101,10 @@ def _open_scene(arguments: argparse.Namespace) -> tuple[Any, Any]:
     if not place.exists():
         raise InputError(f"{place}: no such file or folder; give a run or a file of Gaussians")
     if place.is_file():
-        return gsut.load_dataset(arguments.data), gsut.load_gaussians(place)
+        scene = gsut.load_dataset(arguments.data)
+        show_findings(scene, None)
+        return scene, gsut.load_gaussians(place)
     run = RunFolder.open(place)
     _, scene = read_scene(run, arguments.data)
+    show_findings(scene, run)
     return scene, gsut.load_gaussians(run.path / RunFile.SCENE)

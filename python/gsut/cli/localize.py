@@ -6,7 +6,11 @@ import argparse
 import math
 from typing import Any
 
-from gsut.cli._flags import add_json, print_json
+from gsut.cli._flags import (
+    add_json,
+    print_json,
+    show_findings,
+)
 from gsut.terminal import say
 
 _FOCAL_OFF = 0.025  # relative; reported above this
@@ -35,7 +39,9 @@ def run(arguments: argparse.Namespace) -> int:
     from gsut.run import Progress, RunFolder
     from gsut.training import read_trained
 
-    options, scene, gaussians = read_trained(RunFolder.open(arguments.folder), None)
+    run = RunFolder.open(arguments.folder)
+    options, scene, gaussians = read_trained(run, None)
+    show_findings(scene, run)
     with Progress() as bars:
         found = localize(
             arguments.image,

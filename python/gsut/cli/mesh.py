@@ -20,6 +20,7 @@ from gsut.cli._flags import (
     finite,
     positive,
     print_json,
+    show_findings,
 )
 from gsut.files import refuse_existing, write_file
 
@@ -152,7 +153,9 @@ def run(arguments: argparse.Namespace) -> int:
     out, report = _check_files(arguments)
     to_grid = _is_grid(arguments)
     began = time.perf_counter()
-    options, scene, gaussians = open_trained(RunFolder.open(arguments.folder), None)
+    run = RunFolder.open(arguments.folder)
+    options, scene, gaussians = open_trained(run, None)
+    show_findings(scene, run, arguments.quiet)
     settings = MeshOptions(
         voxel=arguments.voxel,
         support=arguments.support,

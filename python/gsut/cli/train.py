@@ -6,7 +6,6 @@ import argparse
 import concurrent.futures
 import dataclasses
 import importlib
-from collections.abc import Sequence
 from typing import Any
 
 from gsut._core import InputError
@@ -15,6 +14,7 @@ from gsut.cli._flags import (
     add_json,
     add_quiet,
     check_first,
+    keep_findings,
     print_json,
     read_folder_name,
 )
@@ -142,9 +142,13 @@ def train_into(
         colors = UNCOLORED if len(scene.points) and not has_colors(scene) else None
         for note in filter(None, (*scene.notes, describe_resizing(scene, options), colors)):
             say(f"note: {note}")
-    if not (resume and run.has_run()):
+    findings: list[Any] = []
+    is_new = not (resume and run.has_run())
+    if is_new:
+        (run.path / RunFile.FINDINGS).unlink(missing_ok=True)
         findings = check_first(scene, force, quiet, _match_neighbours(scene))
-        keep_accusation(run, findings)
+        if any(each.severity != "info" for each in findings):  # which the verdict looks at
+            keep_findings(run, findings)
     elif run.is_finished() and not quiet:
         say(f"note: {run.path} is finished; nothing in it changes")
     try:
@@ -152,14 +156,14 @@ def train_into(
             gsut.train_blocks(
                 scene, options, blocks, out=run.path, resume=resume, progress=not quiet
             )
-            return run.read_json(RunFile.METRICS)
-        live = None if page is None else page.open(scene.path.resolve().name)
-        watch = None if live is None else live.begin_training(scene, options)
-        result = gsut.train(
-            scene, options, out=run.path, resume=resume, progress=not quiet, watch=watch
-        )
-        if page is not None:
-            page.finish(result)
+        else:
+            live = None if page is None else page.open(scene.path.resolve().name)
+            watch = None if live is None else live.begin_training(scene, options)
+            result = gsut.train(
+                scene, options, out=run.path, resume=resume, progress=not quiet, watch=watch
+            )
+            if page is not None:
+                page.finish(result)
     except KeyboardInterrupt as interrupt:
         kept = [] if blocks is None else blocks.list_words("blocks")
         resumed = ["--resume"] if run.has_run() else []
@@ -169,15 +173,9 @@ def train_into(
         scene_kept = f"{kept_scene} holds the scene; " if kept_scene.is_file() else ""
         scene_kept = f"{interrupt}; " if str(interrupt) else scene_kept
         raise KeyboardInterrupt(f"interrupted; {scene_kept}to {how}, run: {again}") from None
+    if is_new:
+        keep_findings(run, findings)
     return run.read_json(RunFile.METRICS)
-
-
-def keep_accusation(run: RunFolder, findings: Sequence[Any]) -> None:
-    """Writes check.json: the first finding against poses or lens, if all are against one."""
-    against = [each for each in findings if each.subject]
-    (run.path / RunFile.CHECK).unlink(missing_ok=True)
-    if len({each.subject for each in against}) == 1:
-        run.write_json(RunFile.CHECK, dataclasses.asdict(against[0]))
 
 
 def _match_neighbours(scene: Any) -> Any:

@@ -10,16 +10,18 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data.errors import DatasetError, OnError, list_some, raise_error
-from gsut.data.images import IMAGE_SUFFIXES, read_header
+from gsut.data.images import IMAGE_SUFFIXES, describe_pictures, read_header
 from gsut.data.listing import Frame, Listing
 from gsut.data.points import find_usable_points
 from gsut.data.poses import invert_pose
 from gsut.data.scene import TEST_EVERY, Scene, View, split_views
+from gsut.files import split_numbers
 from gsut.lens import Camera
 from gsut.orientation import count_turns
 
 MASKS = "masks"  # the folder of a mask an image
 HALF_PIXEL = 0.5  # a down-scaled copy's size may be rounded by this much
+_PANORAMA_SHAPE = 0.05  # relative difference to twice as wide as high: rows cut off at a pole
 SAME_POSE = 1e-9  # relative difference of two poses of a frame that is listed twice
 
 
@@ -55,7 +57,7 @@ def assemble(
     frames = _fit_cameras(frames, notes, on_error)
     if not frames:
         raise _explain_nothing_left(listing, total)
-    frames.sort(key=lambda frame: frame.name)
+    frames.sort(key=lambda frame: split_numbers(frame.name))
     notes += [*_note_masks(listing, frames, on_error), *_note_lenses(frames)]
     finite, fault = find_usable_points(listing.points)
     if fault:
@@ -92,7 +94,7 @@ def _note_masks(listing: Listing, frames: list[Frame], on_error: OnError) -> Ite
     advice = (
         "name them by 'mask_path'"
         if named
-        else f"a mask is called as its image: {MASKS}/{Path(frames[0].name).name}.png"
+        else f"a mask is called as its image: {MASKS}/{frames[0].name}.png"
     )
     if idle and len(idle) == len(found) and not named:
         what = f"none of {len(found)} masks belongs to an image: {list_some(idle)}"
@@ -108,15 +110,20 @@ def _note_masks(listing: Listing, frames: list[Frame], on_error: OnError) -> Ite
 
 def _note_lenses(frames: list[Frame]) -> Iterator[str]:
     """Notes lenses whose coefficients of distortion are all zero."""
+    plain: dict[str, int] = {}
     for camera in dict.fromkeys(frame.camera for frame in frames):
         names = camera.param_names.split()
         rows = [i for i, name in enumerate(names) if name[0] in "kp" and name[1:].isdigit()]
         if rows and not np.any(np.asarray(camera.params)[rows]):
-            what = "an equidistant fisheye" if camera.model == "kannala_brandt" else "free of it"
-            yield (
-                f"the lens ({camera.model}) has distortion coefficients that are all 0 and is taken"
-                f" to be {what}: if the photographs are as the camera took them, calibrate it"
-            )
+            plain[camera.model] = plain.get(camera.model, 0) + 1
+    for model, count in plain.items():
+        what = "an equidistant fisheye" if model == "kannala_brandt" else "free of it"
+        lens = f"the lens ({model}) has" if count == 1 else f"{count} lenses ({model}) have"
+        taken, it = ("is taken", "it") if count == 1 else ("are taken", "them")
+        yield (
+            f"{lens} distortion coefficients that are all 0 and {taken} to be {what}: if the"
+            f" photographs are as the camera took them, calibrate {it}"
+        )
 
 
 def _explain_nothing_left(listing: Listing, total: int) -> DatasetError:
@@ -126,7 +133,7 @@ def _explain_nothing_left(listing: Listing, total: int) -> DatasetError:
         return DatasetError(
             listing.source,
             f"none of its {total} images exist (looked under {listing.path} for"
-            f" {list_some(listing.missing)})",
+            f" {list_some(listing.missing)}; {describe_pictures(listing.path)})",
             "copy the images there or correct the paths",
         )
     return DatasetError(
@@ -189,8 +196,15 @@ def fit_camera(camera: Camera, width: int, height: int, image_path: Path) -> Cam
     """Resizes a camera to an image of this size, if both axes have the same ratio.
 
     Raises:
-        DatasetError: the shapes differ.
+        DatasetError: the shapes differ, or no panorama is as wide for its height.
     """
+    if camera.model == "equirectangular" and abs(width / height / 2 - 1) > _PANORAMA_SHAPE:
+        raise DatasetError(
+            image_path,
+            f"the image is {width} x {height} and its camera equirectangular, which sees 360 x 180 "
+            "degrees: a panorama is twice as wide as high",
+            "name the lens that took it",
+        )
     if (width, height) == (camera.width, camera.height):
         return camera
     same_by_width = abs(camera.height * width / camera.width - height) <= HALF_PIXEL

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from gsut.data.errors import DatasetError
-from gsut.files import read_json, reading
+from gsut.files import read_json, reading, register_reader
 
 CAPTURE = "capture.json"
 CAPTURE_FOLDER = "capture"  # of a video's frames, in the folder of their poses
@@ -25,6 +25,7 @@ _SHAPE: dict[str, Any] = {  # what is read of capture.json, see `check_shape`
 STRIP = "strip.jpg"  # the pictures side by side, beside capture.json
 
 
+@register_reader("capture.json", ".json", fails=DatasetError)
 def read_capture(folder: Path) -> dict[str, Any] | None:
     """Reads FOLDER/capture.json; returns None if there is none.
 

@@ -17,7 +17,6 @@ from gsut.data.assemble import assemble
 from gsut.data.errors import DatasetError, raise_error
 from gsut.data.export import (
     Export,
-    copy_file,
     find_frame_times,
     link_file,
     move_file,
@@ -31,7 +30,7 @@ from gsut.data.poses import check_rigid, format_seconds, format_tum, invert_pose
 from gsut.data.recordings import Recording, pair_recording
 from gsut.data.rigs import BODY, OWN
 from gsut.data.scene import Scene
-from gsut.files import staging_folder, whole_folder, write_file, write_picture
+from gsut.files import copy_file, staging_folder, whole_folder, write_file, write_picture
 from gsut.lens import Camera, save_camera
 from gsut.lens.files import OWN_SUFFIX
 from gsut.run import Progress

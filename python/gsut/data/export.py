@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import errno
 import os
-import shutil
 from collections.abc import Callable, Sequence
 from pathlib import Path, PurePosixPath
 
@@ -14,7 +12,7 @@ import numpy as np
 from gsut.data.listing import Frame
 from gsut.data.points import format_points_ply
 from gsut.data.poses import NANOSECONDS
-from gsut.files import WriteError, claim_name, write_file
+from gsut.files import WriteError, claim_name, copy_file, write_file
 from gsut.system import rename_over
 
 POINTS = "points3D.ply"
@@ -58,17 +56,6 @@ class Export:
         if len(self.points):
             path.parent.mkdir(parents=True, exist_ok=True)
             write_file(path, format_points_ply(self.points, self.point_colors))
-
-
-def copy_file(source: Path, target: Path) -> None:
-    """Copies a file, making the folders above it."""
-    target.parent.mkdir(parents=True, exist_ok=True)
-    try:
-        shutil.copyfile(source, target)
-    except OSError as error:  # of which it names the source, whatever failed
-        if error.errno not in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
-            raise
-        raise WriteError(f"cannot write {target}: {error.strerror}; is the disk full?") from None
 
 
 def link_file(source: Path, target: Path) -> None:

@@ -8,13 +8,22 @@ from pathlib import Path
 
 from gsut.data.assemble import assemble
 from gsut.data.errors import DatasetError, OnError, raise_error
-from gsut.data.layouts import Layout, find_layout, list_layouts, require_pictures
+from gsut.data.layouts import (
+    Layout,
+    find_foreign_files,
+    find_layout,
+    list_layouts,
+    require_pictures,
+)
 from gsut.data.listing import Listing
 from gsut.data.recordings import pair_recording
 from gsut.data.scene import TEST_EVERY, Scene
-from gsut.files import reading
+from gsut.files import reading, register_reader
+
+_ADVICE = "is one of its files damaged?"
 
 
+@register_reader("dataset", advice=_ADVICE, fails=DatasetError)
 def load_dataset(
     path: str | os.PathLike,
     *,
@@ -65,11 +74,12 @@ def read_dataset(path: Path, *, on_error: OnError = raise_error) -> Listing:
         )
         raise DatasetError(
             path,
-            f"no dataset found; looked for {looked}",
+            "; ".join(filter(None, ["no dataset found", find_foreign_files(path)]))
+            + f"; looked for {looked}",
             "lay the files out in one of these ways (docs/datasets.md), or let `gsut scene` make a "
             "scene of photographs",
         )
-    with reading(path, "is one of its files damaged?", DatasetError):
+    with reading(path, _ADVICE, DatasetError):
         return _read(layout, path, on_error)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from gsut._core import InputError
 from gsut.data.listing import Frame
 from gsut.data.poses import OPENGL_FROM_OPENCV
-from gsut.files import write_file
+from gsut.files import parse_json, write_file
 from gsut.lens import Camera, save_camera
 from gsut.lens.files import LENS_FILE, OWN_SUFFIX, format_nerfstudio
 
@@ -58,7 +58,7 @@ def _describe_lenses(lenses: Sequence[Camera], path: Path) -> dict[Camera, dict[
     texts: dict[Camera, dict[str, Any]] = {}
     for lens in lenses:
         try:
-            texts[lens] = json.loads(format_nerfstudio(lens))
+            texts[lens] = parse_json(format_nerfstudio(lens), "lens")
         except InputError:
             texts[lens] = {}
     unnamed = [lens for lens in lenses if not texts[lens]]

@@ -6,13 +6,12 @@ Their pictures were ray-cast by lab/demo_tracer, which can make the files beside
 from __future__ import annotations
 
 import os
-import shutil
 from pathlib import Path
 
 import cv2
 
 from gsut._core import InputError
-from gsut.files import whole_folder, write_picture
+from gsut.files import copy_file, read_picture, whole_folder, write_picture
 
 DEMO_SCENES = ("fisheye_hall", "rig_hall")
 _PICTURES = (".png", ".webp")
@@ -52,8 +51,8 @@ def write_demo_scene(folder: str | os.PathLike[str], name: str = "fisheye_hall")
             if file.is_dir():
                 copy.mkdir()
             elif file.suffix in _PICTURES:
-                picture = cv2.imread(str(file), cv2.IMREAD_UNCHANGED)
+                picture = read_picture(file, cv2.IMREAD_UNCHANGED)
                 write_picture(copy.with_suffix(".png"), picture)
             else:
-                shutil.copyfile(file, copy)
+                copy_file(file, copy)
     return folder

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import concurrent.futures
 import dataclasses
-import importlib.resources
 import math
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ from gsut.evaluate.report_plots import (
     plot_reliability,
     plot_rings,
 )
+from gsut.files import read_bytes, read_package_file, read_picture
 from gsut.page import (
     embed_bytes,
     embed_picture,
@@ -75,9 +75,7 @@ def write_report(run: RunFolder) -> Path:
         )
     environment = run.read_json(RunFile.ENVIRONMENT) or {}
     options = run.read_options()
-    source = (
-        importlib.resources.files("gsut.evaluate").joinpath("report.html.j2").read_text("utf-8")
-    )
+    source = read_package_file("gsut.evaluate", "report.html.j2").decode()
     page = render_template(
         source,
         metrics=metrics,
@@ -260,11 +258,7 @@ def _read(path: Path) -> np.ndarray:
     """Reads a picture as stored: (H, W, 3) RGB uint8 or (H, W) uint16."""
     import cv2
 
-    try:
-        data = np.frombuffer(path.read_bytes(), np.uint8)
-    except OSError as error:
-        raise InputError(f"cannot read {path}: {error.strerror}; evaluate the run again") from None
-    image = cv2.imdecode(data, cv2.IMREAD_UNCHANGED) if data.size else None
+    image = read_picture(path, cv2.IMREAD_UNCHANGED)
     if image is None:
         raise InputError(f"{path} is not a readable picture; evaluate the run again")
     return cv2.cvtColor(image, cv2.COLOR_BGR2RGB) if image.ndim == 3 else image
@@ -272,7 +266,7 @@ def _read(path: Path) -> np.ndarray:
 
 def _embed_block_map(path: Path) -> str | None:
     """Returns the map of a training in blocks as a data address; None if there is none."""
-    return embed_bytes(path.read_bytes(), "image/svg+xml") if path.is_file() else None
+    return embed_bytes(read_bytes(path), "image/svg+xml") if path.is_file() else None
 
 
 def _embed(image: np.ndarray) -> str:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from gsut.data import STRIP
+from gsut.files import read_bytes
 from gsut.page import build_page, embed_bytes, render_template
 from gsut.run import RunFile, RunFolder, Verdict
 
@@ -58,7 +59,7 @@ def write_scene_page(
         poses=poses,
         scene=_choose_view(figures, metrics),
         folder=folder.path,
-        strip=embed_bytes((captured / STRIP).read_bytes(), "image/jpeg"),
+        strip=embed_bytes(read_bytes(captured / STRIP), "image/jpeg"),
         seconds=figures["seconds"],
     )
     folder.write_text(name, build_page(folder.path.name, notes, [parts]))

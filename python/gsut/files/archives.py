@@ -65,9 +65,10 @@ class Archive:
         return content
 
     def _find(self, name: str) -> zipfile.ZipInfo:
-        if name not in self.names:
-            raise FileError(self._where, f"has no {name!r}", _DAMAGED)
-        return self._archive.getinfo(name)
+        try:
+            return self._archive.getinfo(name)
+        except KeyError:
+            raise FileError(self._where, f"has no {name!r}", _DAMAGED) from None
 
 
 @contextlib.contextmanager

@@ -49,7 +49,7 @@ def read_npy(path: PathLike, array: Array | None = None, *, fails: Fails = FileE
 
     Args:
         path: the file.
-        array: what it must be; None: any numbers, or text. Whole numbers come as int64.
+        array: what it must be, where whole numbers come as int64; None: any numbers.
         fails: makes the error.
 
     Raises:
@@ -58,7 +58,11 @@ def read_npy(path: PathLike, array: Array | None = None, *, fails: Fails = FileE
     with open_binary(path, fails=fails) as file:
         size = os.fstat(file.fileno()).st_size
         found = _read_array(file, size, path)
-        return found if array is None else _check_array(found, array, path, {})
+        if array is not None:
+            return _check_array(found, array, path, {})
+        if found.dtype.kind == "U":
+            raise FileError(path, "holds text, not numbers", _EXPORT)
+        return found
 
 
 def read_npz(
@@ -166,16 +170,16 @@ def _check_array(
     if found.dtype.kind not in _ACCEPTED[array.kind]:
         raise FileError(where, f"holds {found.dtype}, not {_WORDS[array.kind]}", _EXPORT)
     if array.shape is not None:
-        wanted = [
-            size if axis is None else axis if isinstance(axis, int) else lengths.get(axis, size)
-            for axis, size in zip(array.shape, found.shape, strict=False)
-        ]
-        if len(array.shape) != found.ndim or tuple(wanted) != found.shape:
-            said = ", ".join(str(lengths.get(a, a)) if isinstance(a, str) else str(a or "any")
-                             for a in array.shape)  # fmt: skip
+        fits = len(array.shape) == found.ndim
+        for axis, size in zip(array.shape, found.shape, strict=False):
+            wanted = lengths.setdefault(axis, size) if isinstance(axis, str) else axis
+            fits &= wanted in (None, size)
+        if not fits:
+            said = ", ".join(
+                str(lengths.get(axis, axis) if isinstance(axis, str) else axis or "any")
+                for axis in array.shape
+            )
             raise FileError(where, f"has shape {found.shape}, expected ({said})", _EXPORT)
-        letters = zip(array.shape, found.shape, strict=True)
-        lengths.update({axis: size for axis, size in letters if isinstance(axis, str)})
     if array.kind in ("b", "U") or found.size == 0:
         return found.astype(np.int64) if array.kind == "i" else found
     least, most = found.min(), found.max()  # NaN where one is

@@ -3,24 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-import csv
-import struct
-import zipfile
-import zlib
 from collections.abc import Callable, Iterator
 
-from gsut._core import InputError
+from gsut._core import InputError, SolveError
 
 # Makes an error of a place, what was found there, and advice, as `FileError` does.
 Fails = Callable[[object, str, str], Exception]
 COPY_AGAIN = "the file may be cut off: copy or export it again"
-
-# What parsers raise where a file is not what they expect: words for numbers, lists for keys ...
-_PARSER_FAILURES = (
-    ValueError, TypeError, LookupError, ArithmeticError, AttributeError, RecursionError, EOFError,
-    NotImplementedError, MemoryError, OSError, SyntaxError,
-    csv.Error, struct.error, zipfile.BadZipFile, zlib.error,
-)  # fmt: skip
 
 
 class FileError(InputError):
@@ -68,13 +57,13 @@ def reading(where: object, advice: str = COPY_AGAIN, fails: Fails = FileError) -
         if fails is FileError or (isinstance(fails, type) and isinstance(error, fails)):
             raise
         raise fails(error.where, error.what, error.advice) from error
-    except InputError:
+    except (InputError, SolveError, ImportError):
         raise
     except RecursionError as error:
         raise fails(where, "cannot be understood: nested too deeply", advice) from error
     except MemoryError as error:
         raise fails(where, "reading it needs more memory than there is", advice) from error
-    except _PARSER_FAILURES as error:
+    except Exception as error:  # words for numbers, lists for keys, errors of libraries ...
         what = " ".join(str(error).split())[:120]
         raise fails(
             where, f"cannot be understood ({type(error).__name__}: {what})", advice

@@ -90,7 +90,7 @@ def open_text(path: PathLike, *, fails: Fails = FileError) -> Iterator[io.TextIO
 def read_bytes(path: PathLike, most_bytes: int = MOST_BYTES, *, fails: Fails = FileError) -> bytes:
     """Reads the bytes of a file, see `open_binary`."""
     with open_binary(path, most_bytes=most_bytes, fails=fails) as file:
-        content = file.read(most_bytes + 1)  # one that grows, or of no stated size, as in /proc
+        content = file.read()  # not of most_bytes, for which Python would take memory beforehand
         _check_size(path, len(content), most_bytes)
     return content
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from gsut.files.errors import Fails, FileError
+from gsut.files.errors import Fails, FileError, reading
 from gsut.files.opening import PathLike, open_binary, read_bytes
 from gsut.files.writing import write_file
 from gsut.orientation import add_orientation
@@ -51,12 +51,25 @@ def read_picture(path: PathLike, flags: int) -> Any:
     """
     import cv2  # whose own reader of files crashes at a str that is no UTF-8
 
-    content = read_bytes(path)
-    _check_claim(path, content[:_PNG_HEAD], len(content))
+    content = read_picture_bytes(path)
     try:
         return cv2.imdecode(np.frombuffer(content, np.uint8), flags)
     except cv2.error:
         return None
+
+
+def read_picture_bytes(path: PathLike, *, fails: Fails = FileError) -> bytes:
+    """Reads the bytes of a picture, which can hold the pixels that they claim.
+
+    Raises:
+        FileError: they cannot, or the file cannot be opened or is empty.
+    """
+    with reading(path, _COPY_AGAIN, fails):
+        content = read_bytes(path)
+        if not content:
+            raise FileError(path, "the file is empty", _COPY_AGAIN)
+        _check_claim(path, content[:_PNG_HEAD], len(content))
+    return content
 
 
 def _check_claim(path: PathLike, head: bytes, size: int) -> None:

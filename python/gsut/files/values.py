@@ -19,7 +19,7 @@ _MOST_JSON = 256 << 20  # bytes: values take ten times the memory of their text
 _MOST_YAML = 4 << 20  # bytes: its parser takes seconds for one of these
 _MOST_ALIASES = 16  # of a YAML file: each can double what it refers to
 _MOST_NESTED = 200  # lists and objects within each other: functions that call themselves read them
-_MOST_DIGITS = 20  # of a whole number: those of the largest of 64 bits
+_MOST_DIGITS = 40  # of a whole number: states of random numbers have 128 bits
 _CORRECT = "correct it"
 _Pairs = list[tuple[str, Any]]
 

@@ -158,7 +158,15 @@ def append_text(path: str | os.PathLike[str], text: str) -> None:
 
 
 def copy_file(source: str | os.PathLike[str], target: str | os.PathLike[str]) -> None:
-    """Copies the content of a regular file, see `whole_file`."""
+    """Copies a file into a folder that is not yet whole, making the folders above it.
+
+    Raises:
+        OpenError: it cannot be opened.
+        WriteError: its copy cannot be written.
+    """
     check_regular(source)
-    with whole_file(target) as temporary:
-        shutil.copyfile(source, temporary)
+    try:
+        Path(target).parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(source, target)
+    except OSError as error:
+        raise WriteError(f"cannot write {target}: {error.strerror}; is the disk full?") from None

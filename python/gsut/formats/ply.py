@@ -51,6 +51,10 @@ _PLAIN_END = b"end_header\n"
 PACKED = b"packed_position"  # a property of SuperSplat's compressed files
 
 
+# Gaussians from which it is no chance that all of them have such values.
+_FEWEST_JUDGED = 20
+
+
 def load_ply(path: str | os.PathLike[str]) -> Gaussians:
     """Reads Gaussians from a PLY file in the layout of 3DGS.
 
@@ -85,6 +89,7 @@ def load_ply(path: str | os.PathLike[str]) -> Gaussians:
     if not_finite or not gaussians.quats.any(axis=1).all():
         return keep_drawable(path, gaussians)
     _warn_of_rounding(path, gaussians)
+    _warn_of_activated(path, gaussians)
     return gaussians
 
 
@@ -176,6 +181,20 @@ def _warn_of_rounding(path: str | os.PathLike[str], gaussians: Gaussians) -> Non
         warnings.warn(
             f"{os.fspath(path)}: its float32 coordinates lie {step:g} apart, its Gaussians are "
             f"{size:.2g} large: the scene was rounded by whoever wrote it so far from zero",
+            stacklevel=3,
+        )
+
+
+def _warn_of_activated(path: str | os.PathLike[str], gaussians: Gaussians) -> None:
+    """Warns if a file seems to hold opacities and sizes where logits and logarithms belong."""
+    logits, scales = gaussians.opacity_logits, gaussians.log_scales
+    if len(gaussians) < _FEWEST_JUDGED or scales.min() <= 0:
+        return
+    if 0 <= logits.min() < logits.max() <= 1:
+        warnings.warn(
+            f"{os.fspath(path)}: all opacities lie in 0 to 1 and all scales are above 0: does it "
+            "hold opacities and sizes where a PLY of 3DGS has their logits and logarithms? Then "
+            "export it again without activating them",
             stacklevel=3,
         )
 

@@ -6,6 +6,7 @@ import dataclasses
 import itertools
 import math
 import struct
+import warnings
 import zlib
 from pathlib import Path
 from typing import Any
@@ -30,6 +31,10 @@ _HEADER_4 = struct.Struct("<IIIBBBBI12x")
 _ENTRY = struct.Struct("<QQ")  # of version 4's table: bytes compressed and not
 _GZIP = b"\x1f\x8b"
 _ANTIALIASED = 1  # a bit of the flags
+_EXTENDED = 2  # a bit of the flags: records of kind and size follow the Gaussians
+_RECORD = struct.Struct("<II")  # kind and size in bytes of what follows
+_ORBIT = 0xADBE0002  # a kind: how far a viewer should turn around the scene
+_MOST_EXTENDED = 1 << 20  # bytes of such records
 _LARGEST = 2**23 - 1  # of a position, in steps
 _MOST_FRACTIONAL_BITS = 24
 _ROUNDING = 1 / 16  # of positions, in sizes of the median Gaussian: below what a view shows
@@ -232,9 +237,13 @@ def _decompress_gzip(path: Path, data: bytes) -> tuple[_Layout, list[bytes]]:
                 f"{path}: claims {layout.count:,} Gaussians, more than {len(data):,} bytes of gzip "
                 "can hold"
             )
-        body = stream.decompress(stream.unconsumed_tail, sum(sizes) + 1)
+        more = _MOST_EXTENDED if layout.flags & _EXTENDED else 0
+        body = stream.decompress(stream.unconsumed_tail, sum(sizes) + more + 1)
     except zlib.error as error:
         raise InputError(f"{path}: damaged: {error}") from None
+    if layout.flags & _EXTENDED and len(body) > sum(sizes):
+        _note_extensions(path, body[sum(sizes) :])
+        body = body[: sum(sizes)]
     if len(body) != sum(sizes) or not stream.eof:
         raise InputError(
             f"{path}: {layout.count:,} Gaussians need {sum(sizes):,} bytes, {len(body):,} or more "
@@ -273,7 +282,33 @@ def _decompress_zstandard(path: Path, data: bytes) -> tuple[_Layout, list[bytes]
         if len(planes[-1]) != size:
             raise InputError(f"{path}: stream {number} has not the {size:,} bytes that it says")
     planes += [b""] * (len(sizes) - len(planes))
+    if layout.flags & _EXTENDED:
+        _note_extensions(path, data[begin:])
     return layout, planes
+
+
+def _note_extensions(path: Path, data: bytes) -> None:
+    """Warns of records behind the Gaussians that may change what they mean.
+
+    Raises:
+        InputError: they are cut off.
+    """
+    kinds, place = [], 0
+    while place < len(data):
+        if place + _RECORD.size > len(data):
+            raise InputError(f"{path}: truncated or damaged in the records behind its Gaussians")
+        kind, size = _RECORD.unpack_from(data, place)
+        place += _RECORD.size + size
+        kinds.append(kind)
+    if place > len(data):
+        raise InputError(f"{path}: truncated or damaged in the records behind its Gaussians")
+    unknown = [f"{kind:#010x}" for kind in kinds if kind != _ORBIT]
+    if unknown:
+        warnings.warn(
+            f"{path}: its extensions {', '.join(unknown)} are not read; one of them may say that "
+            "the scene has other axes",
+            stacklevel=3,
+        )
 
 
 FORMAT = Format(

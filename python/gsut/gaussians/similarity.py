@@ -44,7 +44,7 @@ def transform_gaussians(
     proper = r.shape == (3, 3) and bool((np.abs(r) < 2).all())
     proper = proper and np.allclose(r @ r.T, np.eye(3), atol=_ORTHOGONAL)
     if not proper or np.linalg.det(r) < 0:
-        raise InputError(f"a rotation is needed, found {r.tolist()}")
+        raise InputError(f"a rotation and a scale above 0 are needed, found {r.tolist()}")
     scale = check_number(scale, "scale", LEAST_SCALE, 1 / LEAST_SCALE)
     shift, g = check_vector(translation, "translation"), gaussians
     return dataclasses.replace(

@@ -7,6 +7,7 @@ from gsut.judge.epipolar import (
     measure_pixels_per_radian,
 )
 from gsut.judge.preference import (
+    SURE,
     Matches,
     Preference,
     Structure,
@@ -16,6 +17,7 @@ from gsut.judge.preference import (
 )
 
 __all__ = [
+    "SURE",
     "Matches",
     "Preference",
     "Structure",

@@ -3,9 +3,8 @@
 A structure is any set of poses, lenses and shutters. Its score is the robust log-likelihood of
 matches: an error is normal with the noise of the features, or the match is wrong and lies anywhere.
 Free parameters cost half the logarithm of the observations each (Schwarz, "Estimating the dimension
-of a model", 1978). Matches of an image err together, so that chance is measured by leaving out
-images (Snijders and Borgatti, "Non-parametric standard errors and tests for network statistics",
-1999).
+of a model", 1978). Matches of an image err together, so that chance is how much the gains of images
+differ.
 """
 
 from __future__ import annotations
@@ -15,9 +14,13 @@ import math
 
 import numpy as np
 
-# Standard deviations of its gain from which a rival wins: the one limit of all choices.
+from gsut.significance import convert_to_normal
+
+# Standard deviations of its gain, as rare as in a normal law, from which a rival wins: the one
+# limit of all choices.
 SURE = 3.0
 _ROUNDS = 20  # of expectation and maximization, which settle in about ten
+_MEDIAN_DEVIATION = 1.4826  # standard deviation of a normal law, in median absolute deviations
 _LEAST_NOISE = 0.01  # pixels: no feature is found better
 
 
@@ -57,12 +60,14 @@ class Preference:
 
     Args:
         winner: the rival only where it is better beyond chance, and in most images that it touches.
+        is_rival: whether the rival is the winner.
         gain: of the rival, in nats, its free parameters paid for.
         sigma: standard deviation of the gain over images.
         share: of the images that the rival touches, those that gain.
     """
 
     winner: Structure
+    is_rival: bool
     gain: float
     sigma: float
     share: float
@@ -80,9 +85,10 @@ def prefer(current: Structure, rival: Structure, matches: Matches) -> Preference
     gain = float(gains.sum()) - cost + _compare_priors(current, rival)
     by_image, sigma = _measure_spread(gains, matches.images)
     share = float(np.mean(by_image > 0)) if len(by_image) else 0.0
-    is_sure = gain > SURE * sigma and share > 0.5
+    rare = float(convert_to_normal(gain / sigma, max(1, len(by_image) - 1)))
+    is_sure = rare > SURE and share > 0.5
     wins = gain > 0 and (is_sure or math.isinf(gain))
-    return Preference(rival if wins else current, gain, sigma, share)
+    return Preference(rival if wins else current, wins, gain, sigma, share)
 
 
 def estimate_noise(errors: np.ndarray, extent: float) -> tuple[float, float]:
@@ -133,27 +139,22 @@ def _compare_priors(current: Structure, rival: Structure) -> float:
 def _measure_spread(gains: np.ndarray, images: np.ndarray) -> tuple[np.ndarray, float]:
     """Measures the gain of each image that changes, and the standard deviation of their sum.
 
-    An image changes if its matches gain or lose a nat: less is no evidence.
+    The gain of a match is shared by its two images, and images with more matches are expected to
+    gain more. The spread is that of the median, so that what mends a few images much does not look
+    like chance. An image changes if it gains or loses a nat: less is no evidence, so that no gain
+    is known better than to a nat for each image.
 
     Args:
         gains: (M,) of the matches.
         images: (M, 2) of each.
     """
     count = int(images.max(initial=-1)) + 1
-
-    def add_up(rows: np.ndarray, values: np.ndarray | None = None) -> np.ndarray:
-        """Adds values up, or counts, by each image of the matches."""
-        own = None if values is None else np.repeat(values, 2)
-        return np.bincount(rows.ravel(), own, minlength=count)
-
-    by_image = add_up(images, gains)
+    by_image = np.bincount(images.ravel(), np.repeat(0.5 * gains, 2), count)
+    matches = np.bincount(images.ravel(), minlength=count)
     touched = np.abs(by_image) > 1
-    number = int(touched.sum())
-    if number < 3:  # the jackknife over pairs needs three images
-        return by_image[touched], math.inf
-    kept = touched[images].any(axis=1)
-    total, size = float(gains[kept].sum()), int(kept.sum())
-    left = np.maximum(size - add_up(images[kept])[touched], 1)
-    means = (total - by_image[touched]) / left
-    spread = float(np.sum((means - total / size) ** 2))
-    return by_image[touched], size * math.sqrt((number - 2) / (2 * number) * spread)
+    by_image, matches = by_image[touched], matches[touched]
+    if len(by_image) < 2:
+        return by_image, math.inf
+    rates = by_image * (matches.mean() / matches)
+    spread = _MEDIAN_DEVIATION * float(np.median(np.abs(rates - np.median(rates))))
+    return by_image, math.sqrt(len(by_image) * (spread**2 + 1))

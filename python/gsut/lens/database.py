@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import dataclasses
 import functools
-import json
 import lzma
 import math
 import os
@@ -21,12 +20,13 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
+from gsut.files import parse_json, read_package_file
 from gsut.lens.camera import Camera
 from gsut.lens.field import measure_field_of_view
 from gsut.lens.files import list_suffixes, load_camera
 from gsut.lens.plausible import MOST_STRETCH
 
-_FILE = Path(__file__).with_name("profiles.json.xz")
+_FILE = "profiles.json.xz"
 _TEXTS = ("brand", "model", "lens", "setting", "note", "digital_lens")
 _WORD = re.compile(r"[^\W_]+")
 _PIECE = re.compile(r"[^\W\d_]+|\d+")  # of a word: letters, or digits
@@ -154,8 +154,9 @@ class LensProfile:
 @functools.cache
 def load_profiles() -> tuple[LensProfile, ...]:
     """Loads all calibrations of the database, except the few that no lens can have."""
-    with lzma.open(_FILE, "rt", encoding="utf-8") as file:
-        values: dict[str, Any] = json.load(file)
+    values: dict[str, Any] = parse_json(
+        lzma.decompress(read_package_file("gsut.lens", _FILE)), _FILE, dict
+    )
     for name in _TEXTS:
         values[name] = [values["texts"][index] for index in values[name]]
     values["official"] = [bool(value) for value in values["official"]]

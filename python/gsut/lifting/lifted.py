@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import dataclasses
 import os
-import zipfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from gsut._core import InputError
-from gsut.files import whole_file
+from gsut.files import Array, read_npz, register_reader, write_npz
 from gsut.render import Render, render
 
 UNKNOWN = -1  # the label of a pixel or a Gaussian that has none
 _SUFFIX = ".npz"
+_LABELS = np.iinfo(np.int32)
+_FIELDS = {
+    "features": Array("f", ("N", "D"), most=float(np.finfo(np.float32).max)),
+    "weights": Array("f", ("N",), least=0.0, most=float(np.finfo(np.float32).max)),
+    "ids?": Array("i", ("D",), least=_LABELS.min, most=_LABELS.max),
+}
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -120,10 +125,10 @@ class Lifted:
         arrays = {"features": self.features, "weights": self.weights}
         if self.ids is not None:
             arrays["ids"] = self.ids
-        with whole_file(file) as temporary, open(temporary, "wb") as stream:
-            np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
+        write_npz(file, arrays, pack=True)
 
     @classmethod
+    @register_reader("what was lifted", ".npz")
     def load(cls, path: str | os.PathLike[str]) -> Lifted:
         """Reads what `save` wrote.
 
@@ -133,23 +138,14 @@ class Lifted:
         file = Path(path)
         if not file.is_file():
             raise InputError(f"{file}: no such file; `gsut lift` writes it")
-        try:
-            # Opened here: of a damaged file np.load would leave it open.
-            with open(file, "rb") as stream, np.load(stream, allow_pickle=False) as arrays:
-                found = {name: arrays[name] for name in arrays.files}
-        except (ValueError, OSError, EOFError, zipfile.BadZipFile, AttributeError) as error:
-            raise InputError(f"{file}: no file of `gsut lift`: {error}") from None
-        if not {"features", "weights"} <= found.keys():
-            names = ", ".join(found) or "nothing"
-            raise InputError(f"{file}: no file of `gsut lift`: it holds {names}")
+        found = read_npz(file, _FIELDS, fails=_make_error)
         ids = found.get("ids")
-        try:
-            features, weights = (
-                np.ascontiguousarray(found[name], np.float32) for name in ("features", "weights")
-            )
-            lifted = cls(features, weights, None if ids is None else ids.astype(np.int32))
-        except (InputError, ValueError) as error:
-            raise InputError(f"{file}: {error}") from None
-        if not (np.isfinite(features).all() and np.isfinite(weights).all()):
-            raise InputError(f"{file}: lifted numbers must be finite; lift again")
-        return lifted
+        return cls(
+            np.ascontiguousarray(found["features"], np.float32),
+            np.ascontiguousarray(found["weights"], np.float32),
+            None if ids is None else ids.astype(np.int32),
+        )
+
+
+def _make_error(where: object, what: str, _: str) -> InputError:
+    return InputError(f"{where}: no file of `gsut lift`: {what}")

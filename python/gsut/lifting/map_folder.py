@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import zipfile
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -10,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.files import read_picture
+from gsut.files import read_npy, read_picture, register_reader
 
 _SUFFIXES = (".npy", ".png", ".tif", ".tiff")
 
@@ -51,23 +50,7 @@ class MapFolder(Mapping[str, np.ndarray]):
             )
 
     def __getitem__(self, name: str) -> np.ndarray:
-        file = self._files[name]
-        if file.suffix == ".npy":
-            try:
-                # Opened here: of a damaged file np.load would leave it open.
-                with open(file, "rb") as stream:
-                    found = np.load(stream, allow_pickle=False)
-            except (ValueError, OSError, EOFError, zipfile.BadZipFile) as error:
-                raise InputError(f"{file}: no array of numbers: {error}") from None
-            if not isinstance(found, np.ndarray):
-                raise InputError(f"{file}: several arrays; give one a view")
-            return found
-        import cv2  # here, because gsut --help needs none
-
-        picture = read_picture(file, cv2.IMREAD_UNCHANGED)
-        if picture is None:
-            raise InputError(f"{file}: no picture that can be decoded")
-        return picture if picture.ndim == 2 else np.ascontiguousarray(picture[..., 2::-1])
+        return read_map(self._files[name])
 
     def __iter__(self) -> Iterator[str]:
         return iter(self._files)
@@ -78,6 +61,23 @@ class MapFolder(Mapping[str, np.ndarray]):
     def find_file(self, name: str) -> Path:
         """Returns the file of a view's map."""
         return self._files[name]
+
+
+@register_reader("map of a view", *_SUFFIXES)
+def read_map(file: Path) -> np.ndarray:
+    """Reads the map of a view, see `MapFolder`.
+
+    Raises:
+        InputError: it is damaged or none.
+    """
+    if file.suffix == ".npy":
+        return read_npy(file)
+    import cv2  # here, because gsut --help needs none
+
+    picture = read_picture(file, cv2.IMREAD_UNCHANGED)
+    if picture is None:
+        raise InputError(f"{file}: no picture that can be decoded")
+    return picture if picture.ndim == 2 else np.ascontiguousarray(picture[..., 2::-1])
 
 
 def _take_tail(name: str, parts: int) -> Path:

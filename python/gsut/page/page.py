@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import base64
 import functools
-import importlib.resources
 import math
 from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
 
-from gsut.files import format_json
+from gsut.files import format_json, read_package_file
 
 _JPEG_QUALITY = 88  # of embedded pictures: artefacts stay below what renders lack
 _SECTIONS = """{% extends "page.html.j2" %}{% block content %}<h1>{{ title }}</h1>
@@ -49,12 +48,13 @@ def mark_safe(html: str) -> str:
 def _make_environment() -> Any:
     import jinja2
 
-    files = importlib.resources.files("gsut.page")
     names = ("page.html.j2", "viewer.html.j2")
     environment = jinja2.Environment(
         autoescape=True,
         undefined=jinja2.StrictUndefined,
-        loader=jinja2.DictLoader({name: files.joinpath(name).read_text("utf-8") for name in names}),
+        loader=jinja2.DictLoader(
+            {name: read_package_file("gsut.page", name).decode() for name in names}
+        ),
     )
     environment.filters["tojson"] = lambda value: mark_safe(embed_json(value))
     environment.filters.update(number=format_number, duration=format_duration)

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import io
 import os
-import zipfile
 import zlib
 from collections.abc import Sequence
 from typing import Any
@@ -13,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.files import check_regular, write_file
+from gsut.files import Array, read_npz, register_reader, write_npz
 from gsut.gaussians import StoredGaussians
 
 # Share of pixels whose difference one sigma bounds, as that of a normal distribution does.
@@ -35,6 +33,13 @@ _LEAST_SEEN = 0.5
 _PER_SPREAD = 0.55
 # Standard deviation of a depth where the Gaussians of a ray agree, x its distance.
 _PER_DISTANCE = 0.005
+_OF_EACH = Array("f", ("N",), least=0.0)
+# What `Confidence.save` writes.
+_FIELDS = {
+    "weight": _OF_EACH, "views": _OF_EACH, "residual": _OF_EACH,
+    "mark": Array("i", ()), "levels": Array("f", ("L",)), "factors": Array("f", ("L",)),
+    "held": Array("f", ("L",), finite=False), "held_by_view": Array("f", ("V", "L"), finite=False),
+}  # fmt: skip
 
 
 @dataclasses.dataclass(frozen=True)
@@ -167,25 +172,22 @@ class Confidence:
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes a .npz file."""
-        content = io.BytesIO()
-        np.savez_compressed(content, **dataclasses.asdict(self))
-        write_file(path, content.getvalue())
+        write_npz(path, dataclasses.asdict(self), pack=True)
 
     @staticmethod
+    @register_reader("confidence", ".npz")
     def load(path: str | os.PathLike[str]) -> Confidence:
         """Reads what `save` wrote.
 
         Raises:
             InputError: it is not such a file.
         """
-        try:
-            found = np.load(io.BytesIO(check_regular(path).read_bytes()))
-            values = {field.name: found[field.name] for field in dataclasses.fields(Confidence)}
-            return Confidence(**values | {"mark": int(values["mark"])})
-        except (OSError, ValueError, TypeError, KeyError, EOFError, zipfile.BadZipFile) as error:
-            raise InputError(
-                f"{path} holds no confidence: {error}; remove it, and it is measured again"
-            ) from None
+        values: dict[str, Any] = read_npz(path, _FIELDS, fails=_make_error)
+        return Confidence(**values | {"mark": int(values["mark"])})
+
+
+def _make_error(where: object, what: str, _: str) -> InputError:
+    return InputError(f"{where} holds no confidence: {what}; remove it, and it is measured again")
 
 
 def _mark_places(gaussians: Any) -> int:

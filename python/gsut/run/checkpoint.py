@@ -9,35 +9,21 @@ from __future__ import annotations
 
 import json
 import os
-import zipfile
-import zlib
 from collections.abc import Collection
 from typing import Any
 
 import numpy as np
 
 from gsut._core import InputError
-from gsut.files import check_regular
+from gsut.files import Array, parse_json, read_npz, reading, register_reader, write_npz
 
 _LAYOUT = "layout"
 _ARRAY = "__array__"  # key of the dict that stands for an array in the layout
 _SCALAR = "__scalar__"  # the same for a numpy scalar, kept as an array of no dimensions
-# What reading a damaged file may raise, depending on where the damage is.
-_DAMAGE = (
-    OSError,
-    ValueError,
-    KeyError,
-    TypeError,
-    AttributeError,
-    EOFError,
-    NotImplementedError,
-    zipfile.BadZipFile,
-    zlib.error,
-)
 
 
 def write_checkpoint(path: str | os.PathLike[str], state: dict[str, Any]) -> None:
-    """Writes a state to a file (not atomically: that is `RunFolder.write`'s job).
+    """Writes a state to a file.
 
     Args:
         path: the file.
@@ -50,10 +36,10 @@ def write_checkpoint(path: str | os.PathLike[str], state: dict[str, Any]) -> Non
     arrays: dict[str, np.ndarray] = {}
     layout = json.dumps(_take_arrays(state, "", arrays))
     members: dict[str, Any] = {_LAYOUT: np.frombuffer(layout.encode(), np.uint8), **arrays}
-    with open(path, "wb") as file:
-        np.savez(file, **members)
+    write_npz(path, members)
 
 
+@register_reader("checkpoint", ".npz")
 def read_checkpoint(
     path: str | os.PathLike[str], names: Collection[str] | None = None
 ) -> dict[str, Any]:
@@ -67,16 +53,27 @@ def read_checkpoint(
     Raises:
         InputError: the file is no checkpoint, was cut off, or is damaged.
     """
-    try:
-        # Opened here: np.load leaves a damaged file open.
-        with open(check_regular(path), "rb") as file, np.load(file, allow_pickle=False) as members:
-            layout = json.loads(members[_LAYOUT].tobytes().decode())
-            some = layout if names is None else {k: v for k, v in layout.items() if k in names}
-            return _put_arrays(some, members)
-    except _DAMAGE as error:
-        raise InputError(
-            f"{path}: not a complete checkpoint ({error}); remove this file and begin a new run"
-        ) from None
+    layout = read_npz(path, {_LAYOUT: Array("i", (None,), 0, 255)}, fails=_make_error)[_LAYOUT]
+    with reading(path, "", _make_error):
+        whole = parse_json(layout.astype(np.uint8).tobytes(), path, dict)
+        some = whole if names is None else {k: v for k, v in whole.items() if k in names}
+        return _put_arrays(some, read_npz(path, _list_members(some)))
+
+
+def _make_error(where: object, what: str, _: str) -> InputError:
+    return InputError(
+        f"{where}: not a complete checkpoint ({what}); remove this file and begin a new run"
+    )
+
+
+def _list_members(value: Any) -> list[str]:
+    """Lists the names of the arrays of a layout."""
+    if isinstance(value, dict) and len(value) == 1 and value.keys() <= {_ARRAY, _SCALAR}:
+        return list(value.values())
+    entries = (
+        value.values() if isinstance(value, dict) else value if isinstance(value, list) else ()
+    )
+    return [name for entry in entries for name in _list_members(entry)]
 
 
 def _take_arrays(value: Any, name: str, arrays: dict[str, np.ndarray]) -> Any:

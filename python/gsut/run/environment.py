@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from gsut import _core
+from gsut.files import read_text
 from gsut.system import format_command
 
 _MEGABYTE = 2**20
@@ -56,7 +57,7 @@ def measure_peak_rss() -> float | None:
     """Returns the largest resident memory of this process so far, in MiB; None if unknown."""
     with contextlib.suppress(OSError, StopIteration):
         # Of Linux: what getrusage reports starts with that of the parent process.
-        status = Path("/proc/self/status").read_text(encoding="ascii").splitlines()
+        status = read_text("/proc/self/status").splitlines()
         return int(next(row for row in status if row.startswith("VmHWM")).split()[1]) / 1024
     try:
         import resource
@@ -69,7 +70,7 @@ def measure_peak_rss() -> float | None:
 def _read_processor_name() -> str:
     """Returns the processor's name as the system reports it."""
     try:
-        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
+        for line in read_text("/proc/cpuinfo").splitlines():
             if line.startswith(("model name", "Model")):
                 return line.partition(":")[2].strip()
     except OSError:

@@ -18,6 +18,7 @@ from gsut.files import (
     read_json,
     read_text,
     reading,
+    register_reader,
     whole_file,
     whole_folder,
     write_file,
@@ -47,7 +48,7 @@ class RunFile:
     BLOCKS = "blocks"  # states of a training in blocks, its plan and layout
     PLAN = f"{BLOCKS}/plan.json"  # how it is divided, with its TrainOptions as they were given
     RENDERS = "renders"  # pictures of the held-out views
-    CHECK = "check.json"  # what the check of the data says is wrong: the poses or the lens
+    FINDINGS = "findings.json"  # what the doctor says of the data, see gsut.Finding
     CONFIDENCE = "confidence.npz"  # how sure renders are, if gsut render --confidence measured it
 
 
@@ -59,11 +60,12 @@ _FILES = (
 _DAMAGED = f"it is damaged; {RunFile.SCENE}, if it is there, can be used by itself"
 _OTHER_CHECKPOINT = "it is not of this training; remove this file and begin a new run"
 _RESULTS = (RunFile.SCENE, RunFile.METRICS, RunFile.REPORT)
+_OF_FINDING = ("severity", "where", "what", "advice", "subject")
 _OF_PLAN = ("blocks", "version", "isa", "options")
 _SHAPES = {
     RunFile.ENVIRONMENT: ENVIRONMENT_SHAPE,
     RunFile.METRICS: METRICS_SHAPE,
-    RunFile.CHECK: {"subject": frozenset({"poses", "lens"}), "what": str, "advice": str},
+    RunFile.FINDINGS: {"findings": [dict.fromkeys(_OF_FINDING, str)]},
     "scene.json": SCENE_SHAPE,
 }
 
@@ -237,8 +239,7 @@ class RunFolder:
             InputError: the file is not JSON, or lacks what commands read of it.
         """
         path = self.path / name
-        shape = _SHAPES.get(name, dict)
-        return read_json(path, shape, advice=_DAMAGED) if path.is_file() else None
+        return read_run_json(path) if path.is_file() else None
 
     def read_options(self) -> TrainOptions:
         """Reads the options of the run.
@@ -252,14 +253,16 @@ class RunFolder:
                 f"{path} is absent, so nobody knows how the run was made; {RunFile.SCENE}, if it "
                 "is there, can be used by itself, and a new run needs another folder"
             )
-        return _parse_options(path, lambda: read_text(path))
+        return _read_options(path)
 
     def read_given_options(self) -> TrainOptions:
         """Reads the options as given to a training in blocks; otherwise as `read_options`."""
         plan = read_plan(self)
         if plan is None:
             return self.read_options()
-        return _parse_options(self.path / RunFile.PLAN, lambda: json.dumps(plan["options"]))
+        source = self.path / RunFile.PLAN
+        with reading(source, _DAMAGED):
+            return TrainOptions.from_json(json.dumps(plan["options"]), source=str(source))
 
     # Checkpoints.
 
@@ -293,9 +296,15 @@ class RunFolder:
         return content["step"], content["state"]
 
 
-def _parse_options(path: Path, read: Callable[[], str]) -> TrainOptions:
-    with reading(path, _DAMAGED):
-        return TrainOptions.from_json(read(), source=str(path))
+@register_reader("JSON of a run", ".json", advice=_DAMAGED)
+def read_run_json(path: Path) -> Any:
+    """Reads a JSON file of a run, see `RunFolder.read_json`."""
+    return read_json(path, _SHAPES.get(path.name, dict), advice=_DAMAGED)
+
+
+@register_reader("options of a run", ".json", advice=_DAMAGED)
+def _read_options(path: Path) -> TrainOptions:
+    return TrainOptions.from_json(read_text(path), source=str(path))
 
 
 def read_plan(run: RunFolder) -> dict[str, Any] | None:

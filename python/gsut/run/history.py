@@ -7,8 +7,15 @@ import json
 from pathlib import Path
 from typing import Any
 
-from gsut._core import InputError
-from gsut.files import to_plain, write_file
+from gsut.files import (
+    FileError,
+    append_text,
+    parse_json,
+    read_bytes,
+    register_reader,
+    to_plain,
+    write_file,
+)
 
 
 class History:
@@ -26,26 +33,24 @@ class History:
         """Adds one line; `row` holds at least `step`."""
         if self._stays:
             return
-        try:
-            with open(self._path, "a", encoding="utf-8") as file:
-                file.write(json.dumps(to_plain(row)) + "\n")
-        except OSError as error:
-            reason = error.strerror or error
-            raise InputError(f"cannot write {self._path}: {reason}") from None
+        append_text(self._path, json.dumps(to_plain(row)) + "\n")
 
     def read(self) -> list[dict[str, Any]]:
         """Reads all complete rows; a line torn by a crash is left out."""
-        rows = []
-        lines = self._path.read_bytes().splitlines() if self._path.is_file() else ()
-        for line in lines:
-            with contextlib.suppress(ValueError, RecursionError):
-                row = json.loads(line)
-                if isinstance(row, dict) and isinstance(row.get("step"), int):
-                    rows.append(row)
-        return rows
+        return read_history(self._path) if self._path.is_file() else []
 
     def roll_back(self, step: int) -> None:
         """Drops the rows that come after `step`."""
         if self._path.is_file() and not self._stays:
             rows = (json.dumps(row) for row in self.read() if row["step"] <= step)
             write_file(self._path, "".join(row + "\n" for row in rows))
+
+
+@register_reader("history of a run", ".jsonl")
+def read_history(path: Path) -> list[dict[str, Any]]:
+    """Reads all complete rows, see `History.read`."""
+    rows = []
+    for line in read_bytes(path).splitlines():
+        with contextlib.suppress(FileError):
+            rows.append(parse_json(line, path, {"step": int}))
+    return rows

@@ -8,6 +8,7 @@ import os
 from pathlib import Path
 
 from gsut._core import InputError
+from gsut.files import read_text
 
 _SMALL = 256 << 20  # bytes that are taken without a check
 # Where Linux lists all control groups, and those of this process.
@@ -60,7 +61,7 @@ def format_size(size: float) -> str:
 
 def _read_machine() -> list[int]:
     try:
-        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
+        lines = read_text("/proc/meminfo").splitlines()
         rows = {name: int(value.split()[0]) for name, _, value in (r.partition(":") for r in lines)}
         return [1024 * (rows["MemAvailable"] + rows.get("SwapFree", 0))]
     except (OSError, KeyError, ValueError, IndexError):
@@ -75,7 +76,7 @@ def _read_groups() -> list[int]:
     """Returns what each control group of this process has left; of its files in memory, those
     that can be dropped count as free."""
     try:
-        lines = _OWN_GROUPS.read_text("ascii").splitlines()
+        lines = read_text(_OWN_GROUPS).splitlines()
     except OSError:
         return []
     found = []
@@ -98,8 +99,8 @@ def _read_groups() -> list[int]:
 
 def _read_left_in_group(group: Path, most: str, used: str, droppable: str) -> int | None:
     try:
-        free = int((group / most).read_text("ascii")) - int((group / used).read_text("ascii"))
-        rows = dict(row.split() for row in (group / "memory.stat").read_text("ascii").splitlines())
+        free = int(read_text(group / most)) - int(read_text(group / used))
+        rows = dict(row.split() for row in read_text(group / "memory.stat").splitlines())
         return free + int(rows.get(droppable, 0))
     except (OSError, ValueError):  # "max": no limit
         return None
@@ -111,7 +112,7 @@ def _read_limit() -> list[int]:
         import resource
 
         limit = resource.getrlimit(resource.RLIMIT_AS)[0]
-        pages = int(Path("/proc/self/statm").read_text("ascii").split()[0])
+        pages = int(read_text("/proc/self/statm").split()[0])
     except (ImportError, OSError, ValueError, IndexError):
         return []
     return [] if limit == resource.RLIM_INFINITY else [limit - pages * resource.getpagesize()]

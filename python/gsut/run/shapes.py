@@ -21,8 +21,9 @@ _VIEW = {
 }  # fmt: skip
 METRICS_SHAPE: dict[str, Any] = {
     "steps?": int, "num_gaussians?": int, "worst_view?": (str, _NOTHING),
+    "psnr": _NUMBER,
     **{f"{name}?": _NUMBER for name in (
-        "psnr", "psnr_min", "psnr_color_corrected", "ssim", "train_seconds", "render_ms",
+        "psnr_min", "psnr_color_corrected", "ssim", "train_seconds", "render_ms",
         "seconds_per_step", "peak_rss_mb",
     )},
     "dataset?": (str, _NOTHING), "image_size?": [[int]], "test_views?": [str],

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import os
 import threading
 import time
@@ -11,6 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, TextIO
 
+from gsut.files import FileError, Number, read_json, write_json
 from gsut.run.progress import Progress
 
 # Seconds between two refreshes while no stage reports anything.
@@ -208,8 +208,8 @@ def _find_last_runs() -> Path:
 
 def _read_last_runs() -> dict[str, dict[str, float]]:
     try:
-        return json.loads(_find_last_runs().read_text(encoding="utf-8"))
-    except (OSError, ValueError, RuntimeError):
+        return read_json(_find_last_runs(), {"*": {"*": Number(least=0)}})
+    except (FileError, RuntimeError):
         return {}
 
 
@@ -217,4 +217,4 @@ def _write_last_run(command: str, seconds: dict[str, float]) -> None:
     with contextlib.suppress(OSError, RuntimeError):  # a machine that keeps nothing estimates alone
         path, runs = _find_last_runs(), _read_last_runs() | {command: seconds}
         path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(runs), encoding="utf-8")
+        write_json(path, runs)

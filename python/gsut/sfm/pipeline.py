@@ -20,7 +20,6 @@ from gsut.data.scene import capture_state
 from gsut.output_folder import claim_folder
 from gsut.sfm.learned import add_learned_features
 from gsut.sfm.lens import (
-    find_zooms,
     free_center,
     guess_lenses,
     judge_lens,
@@ -59,7 +58,6 @@ from gsut.sfm.solution import (
     Adjustment,
     Solution,
     find_further_models,
-    find_look_alikes,
     measure_agreement,
     separate_look_alikes,
     solve_poses,
@@ -347,8 +345,7 @@ def _map_photographs(mapping: Mapping) -> Mapping:
     except SolveError as error:
         advice = "let the lens be estimated: --unknown-lens"
         raise explain_failure(error, mapping.features, mapping.pairs, advice) from None
-    zooms = find_zooms(solution, mapping.features, mapping.raw, mapping.options)
-    return mapping.replace(solution=solution).add_findings(zooms=zooms)
+    return mapping.replace(solution=solution)
 
 
 def _separate_places(mapping: Mapping) -> Mapping:
@@ -359,7 +356,8 @@ def _separate_places(mapping: Mapping) -> Mapping:
     options, photographs, solution = mapping.options, mapping.photographs, mapping.solved
     times = find_frame_numbers(photographs.names, photographs.frames)
     if mapping.rig is not None:
-        return mapping.add_findings(look_alikes=find_look_alikes(solution, times, WINDOW))
+        alike = separate_look_alikes(solution, mapping.pairs, None, times, WINDOW)[2]
+        return mapping.add_findings(look_alikes=alike)
 
     def solve_again(kept: list[PairMatches]) -> Solution:
         images = dataclasses.replace(mapping.images, cameras=solution.cameras)

@@ -14,7 +14,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.files import whole_file, write_file
+from gsut.files import write_file, write_npy
 from gsut.surface.depth_map import DepthMap
 from gsut.surface.extract import (
     MeshOptions,
@@ -173,8 +173,7 @@ def save_grid(path: str | os.PathLike[str], grid: Grid, *, occupancy: bool = Fal
         "place": "values[i, j, k] is at origin + voxel * (i, j, k), in the dataset's coordinates",
     }
     write_file(path.with_suffix(".json"), json.dumps(values, indent=1) + "\n")
-    with whole_file(path) as temporary, open(temporary, "wb") as file:
-        np.save(file, grid.occupancy if occupancy else grid.distances)
+    write_npy(path, grid.occupancy if occupancy else grid.distances)
 
 
 def check_grid_name(path: Path) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.bounds import check_number
+from gsut.files import read_bytes
 from gsut.orientation import turn_camera
 from gsut.render import smooth_path, write_video
 
@@ -98,7 +99,7 @@ class Film:
             with tempfile.TemporaryDirectory(prefix="gsut-film-") as folder:
                 path = Path(folder) / f"film.{self.ending}"
                 write_video(path, self._draw_images(), self._rate)
-                self.content = path.read_bytes()
+                self.content = read_bytes(path)
         except _Stopped:
             self._failure = "stopped"
         except InputError as error:

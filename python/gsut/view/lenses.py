@@ -17,6 +17,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
+from gsut.files import write_file
 from gsut.lens import (
     Camera,
     has_focal_length,
@@ -175,7 +176,7 @@ def _read_upload(name: str, content: str) -> Camera:
     """Reads the lens of a file's content in base64; its name decides the format."""
     with tempfile.TemporaryDirectory(prefix="gsut-lens-") as folder:
         path = Path(folder) / Path(name).name
-        path.write_bytes(base64.b64decode(content))
+        write_file(path, base64.b64decode(content))
         try:
             return _read_lens_file(path)
         except InputError as error:  # the folder's name helps nobody

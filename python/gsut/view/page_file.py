@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import base64
-import importlib.resources
 import math
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -12,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import CameraMotion
-from gsut.files import write_file
+from gsut.files import read_bytes, read_package_file, write_file
 from gsut.formats import WriteSettings, prepare_for_file, save_gaussians
 from gsut.page import embed_json
 from gsut.view.stage import Stage
@@ -58,7 +57,7 @@ def write_page(path: Path, session: Any, photographs: int) -> Any:
     with TemporaryDirectory(prefix="gsut-") as folder:
         scene = Path(folder) / "scene.spz"
         written = save_gaussians(scene, whole, WriteSettings(antialiased=stage.antialiased))
-        packed = scene.read_bytes()
+        packed = read_bytes(scene)
     content = _describe(session, _choose_photographs(stage, photographs))
     content["origin"] = prepare_for_file(whole).origin
     write_file(path, _assemble(content, packed))
@@ -72,7 +71,7 @@ def _assemble(content: dict[str, Any], scene: bytes) -> str:
         content: what the page's server answers from.
         scene: the Gaussians as SPZ.
     """
-    core = (importlib.resources.files("gsut.view") / "exact/core.wasm.gz").read_bytes()
+    core = read_package_file("gsut.view", "exact/core.wasm.gz")
     elements = [
         _embed("content", "application/json", embed_json(content)),
         _embed("scene", "application/octet-stream", base64.b64encode(scene).decode()),
@@ -100,7 +99,7 @@ def _embed(name: str, kind: str, text: str) -> str:
 
 def _read_text(name: str) -> str:
     """Reads one of the texts of which the page is made."""
-    return (importlib.resources.files("gsut.view") / name).read_text(encoding="utf-8")
+    return read_package_file("gsut.view", name).decode()
 
 
 def _choose_photographs(stage: Stage, most: int) -> list[int]:

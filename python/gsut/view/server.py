@@ -5,10 +5,8 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import http.server
-import importlib.resources
 import io
 import ipaddress
-import json
 import secrets
 import socket
 import threading
@@ -18,7 +16,7 @@ from typing import Any
 from urllib.parse import parse_qsl
 
 from gsut._core import CalibrationError, InputError, SolveError
-from gsut.files import format_json
+from gsut.files import FileError, format_json, parse_json, read_package_file
 
 # Address that only this machine reaches.
 LOOPBACK = "127.0.0.1"
@@ -209,9 +207,8 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         text = self.rfile.read(int(length)) or b"{}"
         with self.parsing if len(text) > _LARGE_BYTES else contextlib.nullcontext():
             try:
-                values = json.loads(text)
-                assert isinstance(values, dict)
-            except (ValueError, AssertionError, RecursionError):
+                values = parse_json(text, "request", dict)
+            except FileError:
                 return self._refuse(400, "the request is not a JSON object")
             answer = self._reply(values)
         self._send(*answer)
@@ -309,5 +306,5 @@ def _read_page_file(name: str) -> Reply:
     stem, _, ending = name.partition(".")
     if stem not in _PAGE_FILES or ending not in _KINDS:
         raise FileNotFoundError(name)
-    content = importlib.resources.files("gsut.view").joinpath(name).read_bytes()
+    content = read_package_file("gsut.view", name)
     return Reply(content, f"{_KINDS[ending]}; charset=utf-8")

@@ -63,7 +63,7 @@ TREE = {"axis": 0, "at": 0.0, "below": None, "above": None}
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        ("[1, 2", "not JSON"),
+        ("[1, 2", "not valid JSON"),
         ("[]", "a layout is"),
         ('{"tree": 3}', "tree must be null"),
         (json.dumps({"tree": TREE | {"axis": 3}}), "tree.axis is 3"),

@@ -105,7 +105,7 @@ def missing(folder, paths):
         (smaller, "7x5", "14 x 14 pixels are too few for a board of 7 x 5"),
         (unreadable, "7x5", "not a readable image"),
         (cut_off, "7x5", "the image is cut off after"),
-        (missing, "7x5", "cannot be read"),
+        (missing, "7x5", "cannot be opened"),
         (lambda _, paths: paths[:5], "8x6", "show 7 x 5 inner corners, not 8 x 6"),
         (lambda _, paths: paths[:5], "6x4", "show 7 x 5 inner corners, not 6 x 4"),
     ],

@@ -2,13 +2,17 @@
 
 import argparse
 import importlib
+import json
 
 import numpy as np
 import pytest
 
 import gsut
+import small_run
 from gsut.check import Finding, dataset
 from gsut.cli import build_parser, list_commands, main
+from gsut.cli._flags import keep_findings
+from gsut.run import RunFile
 from rendered_dataset import write_dataset
 
 # Words of each command, and what it spends its time in.
@@ -18,6 +22,16 @@ COMMANDS = {
     "train, in blocks": ("train DATA -o OUT --blocks 2", "gsut", "train_blocks"),
     "depth": ("depth DATA -o OUT", "gsut.surface.stereo", "find_depth_maps"),
 }
+
+# The same of commands that trust the poses and the lens of a finished run.
+OF_RUNS = {
+    "eval": ("eval RUN", "gsut.cli.eval", "_measure_run"),
+    "localize": ("localize DATA/images/0.png --run RUN", "gsut.refine", "localize"),
+    "mesh": ("mesh RUN -o OUT.ply", "gsut.surface", "render_depth_maps"),
+    "lift": ("lift DATA RUN MAPS -o OUT.npz", "gsut.lifting", "lift"),
+    "compact": ("compact RUN -o OUT --keep 0.5", "gsut.training.tuning", "RunCompactor"),
+}
+WARNING = Finding("warning", "transforms.json", "two poses are far from the others", "mend them")
 
 
 class SpentError(Exception):
@@ -66,3 +80,71 @@ def test_the_table_has_every_command_that_can_be_forced():
         if "--force" in action.choices[name]._option_string_actions:
             found.add(name)
     assert found == {name.split(",")[0] for name in COMMANDS}
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_a_warning_of_the_doctor_is_shown_before_the_command_spends_time(
+    name, places, tmp_path, monkeypatch, capsys
+):
+    line, module, spends = COMMANDS[name]
+    for key, value in (*places.items(), ("OUT", str(tmp_path / "out"))):
+        line = line.replace(key, value)
+    monkeypatch.setattr(dataset, "check_photographs", lambda *_: [WARNING])
+    monkeypatch.setattr(importlib.import_module(module), spends, spend)
+    for words, shown in (([], True), (["--quiet"], False)):
+        with pytest.raises(SpentError):
+            main([*line.split(), *words])
+        assert (f"gsut: {WARNING}\n" in capsys.readouterr().err) == shown
+
+
+def spend(*_, **__):
+    raise SpentError
+
+
+@pytest.mark.parametrize("name", OF_RUNS)
+def test_a_run_shows_what_the_doctor_said_of_its_data(name, tmp_path, monkeypatch, capsys):
+    scene = small_run.scene_from_arrays(tmp_path / "data")
+    small_run.install(monkeypatch, scene)
+    run = small_run.finished_run(tmp_path / "run", scene, report=False)
+    maps = tmp_path / "maps"
+    maps.mkdir()
+    for view in scene.views:
+        np.save(maps / f"{view.name.split('/')[1][:-4]}.npy", np.zeros((32, 32, 2)))
+    line, module, spends = OF_RUNS[name]
+    for key, value in {"RUN": "run", "DATA": "data", "OUT": "out", "MAPS": "maps"}.items():
+        line = line.replace(key, str(tmp_path / value))
+    monkeypatch.setattr(importlib.import_module(module), spends, spend)
+    looked = []
+    monkeypatch.setattr(
+        importlib.import_module("gsut.check"), "check_scene",
+        lambda scene: looked.append(scene) or [WARNING],
+    )  # fmt: skip
+    for _ in range(2):  # made now, then as training has kept them
+        with pytest.raises(SpentError):
+            main(line.split())
+        assert f"gsut: {WARNING}\n" in capsys.readouterr().err
+        keep_findings(run, [WARNING])
+    assert len(looked) == 1
+    kept = json.loads((run.path / RunFile.FINDINGS).read_text())["findings"]
+    assert [Finding(**each) for each in kept] == [WARNING]
+
+
+def test_a_depth_file_that_training_would_stop_at_is_found_before_the_first_step(
+    tmp_path, monkeypatch, capsys
+):
+    data = write_dataset(tmp_path / "data", np.random.default_rng(20261128))
+    file = data / "transforms.json"
+    values = json.loads(file.read_text())
+    values["frames"][-1]["depth_file_path"] = "depth.npy"
+    file.write_text(json.dumps(values))
+    (data / "depth.npy").write_bytes(b"damaged")
+    monkeypatch.setattr(importlib.import_module("gsut.train"), "TrainingLoop", spend)
+    line = ["train", str(data), "-o", str(tmp_path / "out"), "--steps", "2", "--force"]
+    assert main([*line, "--surface"]) == 2
+    assert "depth.npy" in capsys.readouterr().err
+    line[3] = str(tmp_path / "without")
+    with pytest.raises(SpentError):
+        main(line)
+    main(["doctor", str(data)])
+    said = capsys.readouterr().out
+    assert any("depth.npy" in row and "--surface" in row for row in said.splitlines())

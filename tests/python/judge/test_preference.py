@@ -57,7 +57,7 @@ def test_prefer_gain_of_one_pair_alone_keeps_current(rng, matches):
     worse[:MATCHES] += 5.0
     found = prefer(current := Structure(worse), Structure(errors), matches)
     assert found.winner is current
-    assert found.sigma == np.inf
+    assert found.gain > found.sigma
 
 
 def test_prefer_rival_that_loses_most_images_keeps_current(rng, matches):
@@ -76,8 +76,6 @@ def test_prefer_images_without_pose_count_their_matches_as_wrong(rng, matches):
     lost = np.where((matches.images < IMAGES // 2).any(axis=1), np.nan, errors)
     found = prefer(Structure(lost), rival := Structure(errors), matches)
     assert found.winner is rival
-    one = np.where((matches.images == 0).any(axis=1), np.nan, errors)
-    assert prefer(current := Structure(one), rival, matches).winner is current  # may be chance
 
 
 def test_prefer_free_parameters_and_priors_cost_their_nats(rng, matches):

@@ -7,10 +7,11 @@ import shlex
 import pytest
 
 from gsut.check import Finding
-from gsut.cli.train import keep_accusation
+from gsut.cli._flags import keep_findings
 from gsut.judge.checks import judge_training
-from gsut.run import BlockOptions, RunFile, RunFolder, TrainOptions, Verdict
+from gsut.run import BlockOptions, RunFolder, TrainOptions, Verdict
 from gsut.run.options import add_option_flags, collect_given
+from gsut.training.record.results import find_accused
 
 GOOD = {
     "psnr": 30.1, "psnr_color_corrected": 30.3, "detail_median": 0.9, "detail_min": 0.85,
@@ -83,10 +84,10 @@ def test_verdict_names_what_the_check_before_accuses(subject, are, advice, chang
 def test_run_keeps_what_the_check_accuses_if_that_is_one_thing(tmp_path):
     run = RunFolder(tmp_path)
     lens, poses = (Finding("warning", "data", "w", "a", each) for each in ("lens", "poses"))
-    keep_accusation(run, [Finding("info", "data", "w"), lens, lens])
-    assert run.read_json(RunFile.CHECK) == dataclasses.asdict(lens)
-    keep_accusation(run, [lens, poses])
-    assert run.read_json(RunFile.CHECK) is None
+    keep_findings(run, [Finding("info", "data", "w"), lens, lens])
+    assert find_accused(run) == dataclasses.asdict(lens)
+    keep_findings(run, [lens, poses])
+    assert find_accused(run) is None
 
 
 def test_verdict_states_the_share_that_no_training_view_saw_where_there_is_one():

@@ -121,7 +121,7 @@ def test_read_path_in_each_form_gives_the_scenes_poses(tmp_path, form):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        (None, "cannot read the camera path"),
+        (None, "cannot be opened"),
         ("{", "not valid JSON"),
         ("[]", "not a camera path"),
         ('{"frames": [{}]}', "not a camera path"),

@@ -100,5 +100,5 @@ def test_wrong_positions_are_refused(poses, tmp_path, monkeypatch, text, said):
 
 
 def test_absent_positions_are_refused(tmp_path):
-    with pytest.raises(InputError, match="cannot be read"):
+    with pytest.raises(InputError, match="cannot be opened"):
         read_positions(tmp_path / "none.csv")

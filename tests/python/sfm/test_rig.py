@@ -402,10 +402,10 @@ def test_read_rig_refuses_what_is_no_rig(rig_folder, edit, message):
 
 
 def test_read_rig_refuses_a_file_that_is_absent_or_no_json(tmp_path):
-    with pytest.raises(gsut.InputError, match="cannot be read"):
+    with pytest.raises(gsut.InputError, match="cannot be opened"):
         read_rig(tmp_path / "none.json")
     (tmp_path / "rig.json").write_text('{"cameras": ')
-    with pytest.raises(gsut.InputError, match="line 1: not JSON"):
+    with pytest.raises(gsut.InputError, match="not valid JSON at line 1"):
         read_rig(tmp_path / "rig.json")
 
 

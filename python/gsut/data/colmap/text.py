@@ -9,7 +9,7 @@ import numpy as np
 
 from gsut.data.colmap.records import ImageRow
 from gsut.data.errors import DatasetError
-from gsut.files import check_regular
+from gsut.files import open_text
 
 _IMAGE_FIELDS = 10  # IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME
 _POINT_FIELDS = 8  # POINT3D_ID X Y Z R G B ERROR, then the track
@@ -17,17 +17,10 @@ _POINT_FIELDS = 8  # POINT3D_ID X Y Z R G B ERROR, then the track
 
 def _read_lines(path: Path) -> Iterator[tuple[int, str]]:
     """Yields line numbers from 1 and text, without comments; blank lines are kept."""
-    try:
-        with open(check_regular(path), encoding="utf-8") as file:
-            for number, line in enumerate(file, 1):
-                if not line.startswith("#"):
-                    yield number, line.strip()
-    except OSError as error:
-        raise DatasetError(
-            path, f"cannot be opened ({error.strerror})", "check the path"
-        ) from error
-    except UnicodeDecodeError as error:
-        raise DatasetError(path, "not UTF-8 text", "save the file as UTF-8") from error
+    with open_text(path, fails=DatasetError) as file:
+        for number, line in enumerate(file, 1):
+            if not line.startswith("#"):
+                yield number, line.strip()
 
 
 def _report_malformed(where: str, line: str, expected: str) -> DatasetError:

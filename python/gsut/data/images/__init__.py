@@ -11,17 +11,21 @@ from gsut.data.images.decode import (
     shrink_image,
     shrink_mask,
 )
+from gsut.data.images.lookup import PictureLookup, describe_pictures, normalize_name
 from gsut.data.images.masks import find_common_mask, find_mask, make_lens_mask, read_mask
 
 __all__ = [
     "IMAGE_SUFFIXES",
+    "PictureLookup",
     "decode_image",
     "decode_mask",
     "decode_scaled",
+    "describe_pictures",
     "find_common_mask",
     "find_largest_value",
     "find_mask",
     "make_lens_mask",
+    "normalize_name",
     "read_header",
     "read_mask",
     "shrink_both",

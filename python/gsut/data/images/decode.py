@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import struct
-import warnings
 import zlib
 from pathlib import Path
 from typing import NamedTuple
@@ -12,14 +10,20 @@ from typing import NamedTuple
 import numpy as np
 
 from gsut.data.errors import DatasetError
-from gsut.files import check_regular
+from gsut.files import (
+    ENDINGS,
+    FileError,
+    open_binary,
+    open_image,
+    read_picture_bytes,
+    register_reader,
+)
 from gsut.orientation import EXIF_HEADER, read_orientation
 
-IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp")
+IMAGE_SUFFIXES = ENDINGS["picture"]
 # Formats whose headers Pillow reads; decoders turn the pixels of a TIFF upright.
 _FORMATS = ("JPEG", "PNG", "WEBP", "BMP")
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-_PNG_DEPTH = 24  # place of the byte that says how many bits a channel has
 _JPEG_BARE = frozenset({0x01, *range(0xD0, 0xD9)})  # markers without a length
 _JPEG_START = b"\xff\xd8"
 # What the decoder says of data that no encoder writes, and of which it made the picture up.
@@ -28,7 +32,7 @@ _JPEG_DAMAGE = ("premature end", "bad Huffman code", _JPEG_EXTRA)
 _JPEG_END = b"\xff\xd9"
 _LEAST_PADDING = 4  # bytes: the data of a picture may end in a few zeros
 _KEPT_PADDING = 64  # bytes that may be data of the picture: less than one row of blocks
-_DEFLATES = 1040  # bytes that one of zlib can stand for, at most (1032)
+_OPAQUE = 250  # least alpha that may be full: some encoders write 254 for 255 throughout
 _COPY_AGAIN = "copy or export the file again"
 
 
@@ -40,6 +44,7 @@ class ImageHeader(NamedTuple):
     orientation: int = 1
 
 
+@register_reader("header of a picture", *IMAGE_SUFFIXES, fails=DatasetError)
 def read_header(path: Path) -> ImageHeader:
     """Reads an image's size and orientation from its header.
 
@@ -48,39 +53,14 @@ def read_header(path: Path) -> ImageHeader:
     Raises:
         DatasetError: the file is not an image, or ends within the header.
     """
-    from PIL import Image, WebPImagePlugin  # noqa: F401  # here: gsut --help needs none
-
-    Image.MAX_IMAGE_PIXELS = None  # panoramas are no bombs
-    with _open(path) as file, warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # Pillow's, on damaged metadata
-        try:
-            with Image.open(file, formats=_FORMATS) as image:
-                (width, height), kind = image.size, image.format
-                channels = len(image.getbands())
-                exif = image.info.get("exif", b"").removeprefix(EXIF_HEADER)
-                orientation = read_orientation(exif) if exif else 1
-        except (OSError, ValueError, SyntaxError, struct.error):
-            pixels, _ = decode_image(path)  # says what is wrong, unless OpenCV can read it
-            return ImageHeader(pixels.shape[1], pixels.shape[0])
-        size, bits = os.fstat(file.fileno()).st_size, 0
-        if kind == "PNG":
-            file.seek(_PNG_DEPTH)
-            bits = channels * file.read(1)[0]
-    if width * height * bits // 8 > _DEFLATES * size:
-        raise DatasetError(
-            path, f"says {width} x {height} pixels, more than its {size} bytes can hold",
-            _COPY_AGAIN,
-        )  # fmt: skip
-    return ImageHeader(width, height, orientation)
-
-
-def _open(path: Path):
     try:
-        return open(check_regular(path), "rb")
-    except OSError as error:
-        raise DatasetError(
-            path, f"cannot be opened ({error.strerror})", "check the path"
-        ) from error
+        with open_image(path, _FORMATS) as image:
+            exif = image.info.get("exif", b"").removeprefix(EXIF_HEADER)
+            width, height = image.size
+            return ImageHeader(width, height, read_orientation(exif) if exif else 1)
+    except FileError:
+        pixels, _ = decode_image(path)  # says what is wrong, unless OpenCV can read it
+        return ImageHeader(pixels.shape[1], pixels.shape[0])
 
 
 def decode_image(path: Path, reduction: int = 1) -> tuple[np.ndarray, np.ndarray | None]:
@@ -111,7 +91,8 @@ def decode_image(path: Path, reduction: int = 1) -> tuple[np.ndarray, np.ndarray
     if pixels.shape[2] == 3:
         return cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB), None
     if pixels.shape[2] == 4:
-        return cv2.cvtColor(pixels, cv2.COLOR_BGRA2RGB), pixels[:, :, 3] == 255
+        alpha = pixels[:, :, 3]
+        return cv2.cvtColor(pixels, cv2.COLOR_BGRA2RGB), alpha == max(alpha.max(), _OPAQUE)
     raise DatasetError(
         path, f"{pixels.shape[2]} channels", "convert the image to grey, RGB or RGBA"
     )
@@ -123,7 +104,7 @@ def find_largest_value(path: Path) -> int | None:
     Raises:
         DatasetError: see `decode_image`.
     """
-    with _open(path) as file:
+    with open_binary(path, fails=DatasetError) as file:
         head = file.read(26)
     png = head.startswith(_PNG_SIGNATURE) and len(head) == 26
     if head.startswith(b"\xff\xd8") or (png and head[24] != 16):
@@ -167,10 +148,7 @@ def decode_scaled(
 def _decode(path: Path, reduction: int = 1) -> np.ndarray:
     import cv2
 
-    with _open(path) as file:
-        data = file.read()
-    if not data:
-        raise DatasetError(path, "the file is empty", _COPY_AGAIN)
+    data = read_picture_bytes(path, fails=DatasetError)
     _require_complete(data, path)
     pixels = _decode_jpeg(data, path, reduction) if data.startswith(_JPEG_START) else None
     if pixels is None:
@@ -274,13 +252,17 @@ def _find_scan_start(data: bytes) -> int | None:
     return None
 
 
+@register_reader("mask", *IMAGE_SUFFIXES, fails=DatasetError)
 def decode_mask(path: Path) -> np.ndarray:
     """Decodes a mask: (H, W) bool, True (valid) where the value is above half of white.
 
     White is the type's maximum; files with values 0 and 1 only are taken as 0 and white. With an
-    alpha channel and no colour the first channel decides.
+    alpha channel and no colour the first channel decides; where colours are alike throughout, as
+    editors save a selection, alpha does.
     """
     pixels = _decode(path)
+    if pixels.ndim == 3 and pixels.shape[2] == 4 and (pixels[..., :3] == pixels[0, 0, :3]).all():
+        pixels = pixels[:, :, 3]
     if pixels.ndim == 3:
         pixels = pixels[:, :, :3].max(axis=2)
     white = np.iinfo(pixels.dtype).max if pixels.dtype.kind == "u" else 1.0

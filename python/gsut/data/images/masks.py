@@ -77,7 +77,12 @@ def find_common_mask(*folders: Path) -> Path | None:
 
 
 def find_mask(folder: Path, name: str) -> Path | None:
-    """Finds an image's mask: folder/name.png, or folder/name with .png added (COLMAP's rule)."""
+    """Finds an image's mask: folder/name.png, or folder/name with .png added (COLMAP's rule).
+
+    A file in place of the folder is the mask of all images.
+    """
+    if folder.is_file():
+        return folder
     for candidate in (folder / f"{name}.png", folder / PurePosixPath(name).with_suffix(".png")):
         if candidate.is_file():
             return candidate

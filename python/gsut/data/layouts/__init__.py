@@ -1,6 +1,12 @@
 """Layouts of datasets: each module lists its `LAYOUTS`; those with a "_" have none."""
 
-from gsut.data.layouts._layout import Layout, find_layout, list_layouts, require_pictures
+from gsut.data.layouts._layout import (
+    Layout,
+    find_foreign_files,
+    find_layout,
+    list_layouts,
+    require_pictures,
+)
 from gsut.data.layouts.description import KEYS, describe_recording, replace_parts
 from gsut.data.layouts.folder import find_images, find_lens_file, find_lens_files
 
@@ -8,6 +14,7 @@ __all__ = [
     "KEYS",
     "Layout",
     "describe_recording",
+    "find_foreign_files",
     "find_images",
     "find_layout",
     "find_lens_file",

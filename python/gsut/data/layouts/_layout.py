@@ -58,6 +58,33 @@ def find_layout(path: Path, without: Collection[str] = ()) -> Layout | None:
     return next((each for each in known if each.holds(path)), None)
 
 
+# Files by which projects of other programs are recognised, and how to get from there.
+_FOREIGN = {
+    "cameras.xml": "Metashape's: export the cameras as COLMAP",
+    "*.psx": "Metashape's: export the cameras as COLMAP",
+    "reconstruction.json": "OpenSfM's: run `opensfm export_colmap`",
+    "cameras.sfm": "Meshroom's: export its cameras as COLMAP",
+    "*.mg": "Meshroom's: export its cameras as COLMAP",
+    "sfm_data*.json": "OpenMVG's: run openMVG_main_openMVG2Colmap",
+    "bundle.out": "Bundler's: convert it with COLMAP",
+    "*.nvm": "VisualSFM's: export it as COLMAP",
+    "*.rcproj": "RealityScan's: export the registration as COLMAP",
+    "*.rspj": "RealityScan's: export the registration as COLMAP",
+    "*.opf": "Pix4D's: export the cameras as COLMAP",
+    "*.p4d": "Pix4D's: export the cameras as COLMAP",
+}
+
+
+def find_foreign_files(folder: Path) -> str:
+    """Names files of other programs' projects, and what to do with them; "" without any."""
+    found = (
+        f"{path.name} is {whose}"
+        for pattern, whose in _FOREIGN.items()
+        for path in sorted(folder.glob(pattern))[:1]
+    )
+    return "; ".join(found)
+
+
 def require_pictures(path: Path) -> None:
     """Requires that pictures do not lie inside a file, as in a ROS bag.
 

@@ -6,6 +6,7 @@ quaternions w, x, y, z; the centre of the first pixel is (0.5, 0.5).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -22,9 +23,10 @@ from gsut.data.colmap import (
 )
 from gsut.data.errors import DatasetError, OnError, list_some, raise_error
 from gsut.data.export import Export, list_losses, place_images
-from gsut.data.images import find_mask
+from gsut.data.images import PictureLookup, find_mask
 from gsut.data.layouts._layout import Layout
 from gsut.data.listing import Frame, Listing
+from gsut.data.points import load_points_ply
 from gsut.data.poses import invert_pose, pose_from_quaternion
 from gsut.files import read_bytes, read_text, write_file
 from gsut.lens import Camera
@@ -32,6 +34,12 @@ from gsut.lens.files import camera_from_colmap, list_binary_cameras, list_text_c
 
 MODEL_FOLDERS = ("sparse/0", "sparse", ".")
 IMAGE_FOLDERS = ("images", "images_2", "images_4", "images_8", ".")
+
+
+# Readers of points3D by its ending; .ply is what other programs leave there.
+_POINT_READERS: dict[str, Callable[[Path], tuple[np.ndarray, np.ndarray]]] = {
+    ".bin": read_points_bin, ".txt": read_points_txt, ".ply": load_points_ply,
+}  # fmt: skip
 
 
 def find_model(path: Path) -> Path | None:
@@ -90,7 +98,7 @@ def read_colmap(path: Path, *, on_error: OnError = raise_error) -> Listing:
             unusable.add(camera_row.camera_id)
             on_error(error)
     folder = _find_image_folder(path, model, [row.name for row in image_rows])
-    listing = Listing(path, source)
+    listing, pictures = Listing(path, source), PictureLookup(folder)
     for row in image_rows:
         try:
             if row.camera_id in unusable:
@@ -101,20 +109,21 @@ def read_colmap(path: Path, *, on_error: OnError = raise_error) -> Listing:
                     f"image {row.name} has camera {row.camera_id}, which does not exist",
                     f"cameras{suffix} and images{suffix} are of different models: copy both again",
                 )
-            image_path = folder / row.name
-            if not image_path.is_file():
+            image_path = pictures.find(row.name)
+            if image_path is None:
                 listing.missing.append(row.name)
                 continue
+            name = _name_below(folder, image_path, row.name)
             pose = pose_from_quaternion(
                 row.quat_wxyz, row.translation, f"{row.where}, image {row.name}"
             )
             listing.frames.append(
                 Frame(
-                    row.name,
+                    name,
                     image_path,
                     cameras[row.camera_id],
                     invert_pose(pose),
-                    mask_path=find_mask(folder.parent / "masks", row.name),
+                    mask_path=find_mask(folder.parent / "masks", name),
                 )
             )
         except InputError as error:
@@ -124,6 +133,7 @@ def read_colmap(path: Path, *, on_error: OnError = raise_error) -> Listing:
         listing.points_source = _find_points_file(model)
     except InputError as error:
         on_error(error)
+    listing.notes += pictures.describe_differing(source)
     if folder.name != "images" and listing.frames:
         listing.notes.append(f"{folder}: images are read from here")
     other = _list_other_models(path, model)
@@ -132,8 +142,14 @@ def read_colmap(path: Path, *, on_error: OnError = raise_error) -> Listing:
     return listing
 
 
+def _name_below(folder: Path, path: Path, name: str) -> str:
+    """Returns a picture's path below a folder; its given name if it lies elsewhere."""
+    return path.relative_to(folder).as_posix() if path.is_relative_to(folder) else name
+
+
 def _find_points_file(model: Path) -> Path | None:
-    return next((f for f in (model / "points3D.bin", model / "points3D.txt") if f.is_file()), None)
+    files = (model / f"points3D{suffix}" for suffix in _POINT_READERS)
+    return next((file for file in files if file.is_file()), None)
 
 
 def read_points(model: Path) -> tuple[np.ndarray, np.ndarray]:
@@ -141,7 +157,7 @@ def read_points(model: Path) -> tuple[np.ndarray, np.ndarray]:
     file = _find_points_file(model)
     if file is None:
         return np.zeros((0, 3)), np.zeros((0, 3), np.uint8)
-    return (read_points_bin if file.suffix == ".bin" else read_points_txt)(file)
+    return _POINT_READERS[file.suffix](file)
 
 
 def _find_image_folder(path: Path, model: Path, names: list[str]) -> Path:

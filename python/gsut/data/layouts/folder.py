@@ -19,7 +19,7 @@ from pathlib import Path
 from gsut._core import InputError
 from gsut.data.errors import DatasetError, list_some
 from gsut.data.images import IMAGE_SUFFIXES
-from gsut.data.layouts._layout import Layout
+from gsut.data.layouts._layout import Layout, find_foreign_files
 from gsut.data.recordings import MASK, Recording, Stream, find_stream, list_pictures
 from gsut.data.rigs import is_rig_file, read_mounts
 from gsut.files import read_yaml
@@ -105,10 +105,11 @@ def record(path: Path) -> Recording:
     root = path / "images" if (path / "images").is_dir() else path
     own = find_lens_files(path)
     lens_path = find_lens_file(path, without=own.values())
+    foreign = find_foreign_files(path)
     if lens_path is None and not own:
         raise DatasetError(
             path,
-            f"there is no lens file ({', '.join(LENS_PATTERNS)})",
+            foreign or f"there is no lens file ({', '.join(LENS_PATTERNS)})",
             f"`gsut scene {path} -o RUN` makes a scene of photographs, `gsut poses` finds lens and "
             "poses alone; a lens file of `gsut calibrate` beside them is used",
         )
@@ -116,7 +117,7 @@ def record(path: Path) -> Recording:
     if poses is None:
         raise DatasetError(
             path,
-            f"{len(images)} images and a lens, but neither of {POSE_FILES[:2]}",
+            foreign or f"{len(images)} images and a lens, but neither of {POSE_FILES[:2]}",
             "`gsut scene` makes a scene of photographs, `gsut poses` finds their poses alone; or "
             "give a TUM trajectory: poses.txt (or trajectory.txt) with lines 'name tx ty tz "
             "qx qy qz qw' (camera-to-world, OpenCV axes)",

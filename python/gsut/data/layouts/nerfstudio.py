@@ -17,7 +17,7 @@ import numpy as np
 from gsut._core import InputError, Shutter
 from gsut.data.errors import DatasetError, OnError, list_some, raise_error
 from gsut.data.export import POINTS, Export, place_images
-from gsut.data.images import read_header
+from gsut.data.images import PictureLookup, read_header
 from gsut.data.layouts._layout import Layout
 from gsut.data.layouts.colmap import find_model, read_points
 from gsut.data.listing import Frame, Listing
@@ -28,8 +28,8 @@ from gsut.lens import Camera
 from gsut.lens.files import camera_from_nerfstudio, merge_frame_lens
 
 FILE_NAME = "transforms.json"
+_PARTS = {part: f"transforms_{part}.json" for part in ("train", "val", "test")}
 _LATEST = 1 << 33  # seconds since 1970 or before: whole nanoseconds of them fit 64 bits
-_SUFFIXES = (".png", ".jpg", ".jpeg", ".PNG", ".JPG", ".JPEG")  # for file_path without one
 
 
 def read_nerfstudio(path: Path, *, on_error: OnError = raise_error) -> Listing:
@@ -42,23 +42,23 @@ def read_nerfstudio(path: Path, *, on_error: OnError = raise_error) -> Listing:
         DatasetError: the file is missing, cut off, or its lists and points are broken.
     """
     source = path / FILE_NAME if path.is_dir() else path
-    folder = source.parent
     values = read_json(source)
     if not isinstance(values, dict) or not isinstance(values.get("frames"), list):
         raise DatasetError(
             source, "there is no list 'frames'", "write one object a frame, as nerfstudio does"
         )
-    listing = Listing(folder, source)
-    cameras: dict[str, Camera | None] = {}
+    listing = Listing(source.parent, source)
+    pictures, cameras = PictureLookup(listing.path), dict[str, Camera | None]()
     for number, frame in enumerate(values["frames"]):
         try:
             if not isinstance(frame, dict) or not isinstance(frame.get("file_path"), str):
                 raise DatasetError(
                     f"{source}, frame {number}", "there is no 'file_path'", "name its image file"
                 )
-            _read_frame(frame, values, listing, cameras)
+            _read_frame(frame, values, listing, cameras, pictures)
         except InputError as error:
             on_error(error)
+    listing.notes += pictures.describe_differing(source)
     listing.notes += _note_what_is_no_use(values, source)
     listing.up = _read_up(values, source)
     listing.listed_train = _read_names(values, "train_filenames", source)
@@ -74,11 +74,15 @@ def read_nerfstudio(path: Path, *, on_error: OnError = raise_error) -> Listing:
 
 
 def _read_frame(
-    frame: dict, values: dict, listing: Listing, cameras: dict[str, Camera | None]
+    frame: dict,
+    values: dict,
+    listing: Listing,
+    cameras: dict[str, Camera | None],
+    pictures: PictureLookup,
 ) -> None:
     name = frame["file_path"]
     where = f"{listing.source}, frame {name}"
-    image_path = _find_image(listing.path, name)
+    image_path = pictures.find(name)
     if image_path is None:
         listing.missing.append(name)
         return
@@ -168,17 +172,6 @@ def _read_shutter(values: dict, source: Path) -> Shutter:
         raise DatasetError(
             source, f"'rolling_shutter': {error}", "write one of these directions"
         ) from error
-
-
-def _find_image(folder: Path, name: str) -> Path | None:
-    path = folder / name
-    if path.is_file():
-        return path
-    for suffix in _SUFFIXES:
-        candidate = path.with_name(path.name + suffix)
-        if candidate.is_file():
-            return candidate
-    return None
 
 
 def _find_mask(frame: dict, values: dict, folder: Path, where: str) -> Path | None:
@@ -288,7 +281,34 @@ def write_nerfstudio(folder: Path, export: Export) -> list[str]:
     return []
 
 
+def _read_parts(folder: Path, on_error: OnError) -> Listing:
+    """Reads a scene whose training, validation and test images have a file each.
+
+    Training images are trained on, test images held out; validation images where no others are.
+    """
+    files = {part: folder / name for part, name in _PARTS.items() if (folder / name).is_file()}
+    held_out = "test" if "test" in files else "val"
+    whole = read_nerfstudio(files["train"], on_error=on_error)
+    whole.listed_train = [frame.name for frame in whole.frames]
+    whole.listed_test = []
+    if held_out in files:
+        other = read_nerfstudio(files[held_out], on_error=on_error)
+        whole.listed_test = [frame.name for frame in other.frames]
+        for name in ("frames", "missing", "missing_depth", "notes"):
+            getattr(whole, name).extend(getattr(other, name))
+    if held_out == "test" and "val" in files:
+        whole.notes.append(f"{files['val']}: its images are not used: those of test are held out")
+    return whole
+
+
 LAYOUTS = (
+    Layout(
+        "nerf-synthetic",
+        "transforms_train.json, transforms_test.json (NeRF's synthetic scenes)",
+        rank=15,
+        holds=lambda path: path.is_dir() and (path / _PARTS["train"]).is_file(),
+        read=_read_parts,
+    ),
     Layout(
         "nerfstudio",
         f"{FILE_NAME} (nerfstudio, instant-ngp)",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 from pathlib import Path
@@ -12,11 +11,13 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data.poses.transforms import OPENGL_FROM_OPENCV, check_rigid
-from gsut.files import check_regular
+from gsut.files import read_json, register_reader
 
 _HALF_TURN = 180.0  # degrees: no plain lens sees as much
+_SAVE_AGAIN = "save the camera path again"
 
 
+@register_reader("camera path", ".json", advice=_SAVE_AGAIN)
 def read_path(path: str | os.PathLike[str], world_offset: np.ndarray | None = None) -> np.ndarray:
     """Reads the poses of a JSON file.
 
@@ -62,6 +63,7 @@ def read_path(path: str | os.PathLike[str], world_offset: np.ndarray | None = No
     return matrices @ world_from_scene
 
 
+@register_reader("lens of a camera path", ".json", advice=_SAVE_AGAIN)
 def read_path_lens(path: str | os.PathLike[str]) -> Any:
     """Reads the lens that a camera path carries, as values of a lens file; None without one.
 
@@ -104,10 +106,5 @@ def read_path_turns(path: str | os.PathLike[str]) -> int:
 
 
 def _read_content(path: str | os.PathLike[str]) -> dict[str, Any]:
-    try:
-        content = json.loads(check_regular(path).read_text(encoding="utf-8"))
-    except OSError as error:
-        raise InputError(f"cannot read the camera path {path}: {error.strerror}") from None
-    except ValueError as error:
-        raise InputError(f"{path}: not valid JSON ({error})") from None
+    content = read_json(path, advice=_SAVE_AGAIN)
     return content if isinstance(content, dict) else {}

@@ -14,7 +14,7 @@ from gsut._core import InputError
 from gsut.data.errors import DatasetError, OnError
 from gsut.data.poses.times import is_time
 from gsut.data.poses.transforms import check_rigid, pose_from_quaternion
-from gsut.files import read_json, read_text
+from gsut.files import read_json, read_text, register_reader
 from gsut.gaussians import quaternion_from_rotation
 
 _TUM = 8  # fields of a line: label, position, quaternion
@@ -23,6 +23,10 @@ _ADVICE = (
     "`gsut scene` makes a scene of photographs, `gsut poses` finds their poses alone; or write "
     "poses.txt with lines 'name tx ty tz qx qy qz qw' (camera-to-world, OpenCV axes)"
 )
+
+
+# The numbers of a line that end it, parted by blanks, with commas for points as spreadsheets have.
+_DECIMAL_COMMAS = re.compile(r"(?:\s-?[0-9]+,[0-9]+(?:e-?[0-9]+)?){7}$", re.IGNORECASE)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -51,6 +55,7 @@ class Trajectory:
         return self.labels is not None and all(is_time(label) for label in self.labels)
 
 
+@register_reader("trajectory", ".txt", ".csv", ".json", fails=DatasetError)
 def read_trajectory(source: Path, on_error: OnError) -> Trajectory:
     """Reads poses from a file; its first line of numbers, or its suffix .json, says the format.
 
@@ -123,6 +128,8 @@ def _read_table_rows(source: Path) -> _Rows:
         if kitti:
             makers.append(functools.partial(_parse_kitti_pose, line, place))
             continue
+        if _DECIMAL_COMMAS.search(line):
+            line = line.replace(",", ".")
         with_commas = "," in line
         fields = line.split(",")[:_TUM] if with_commas else line.rsplit(maxsplit=_TUM - 1)
         labels.append(fields[0].strip())

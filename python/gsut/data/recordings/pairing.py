@@ -11,7 +11,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data.errors import DatasetError, OnError, list_some
-from gsut.data.images import find_mask
+from gsut.data.images import find_mask, normalize_name
 from gsut.data.listing import Frame, Listing
 from gsut.data.poses import (
     NANOSECONDS,
@@ -68,6 +68,12 @@ def pair_recording(recording: Recording, on_error: OnError) -> Listing:
     is_named = labels is not None
     if poses_of is None and is_named and all(m.from_body is None for m in mounts.values()):
         poses_of = OWN  # a pose of a picture is that of the camera that took it
+    elif poses_of is None and is_named:
+        listing.notes.append(
+            f"{trajectory.source}: the poses are taken to be the body's, on which T_cam_imu, "
+            "T_imu_cam or T_BS of the lens file places the cameras; if they are the cameras' own "
+            "write `poses_of: camera` into dataset.yaml"
+        )
     if is_named and poses_of == OWN:
         _require_own_names(streams, trajectory, recording)
     for stream in streams if len(trajectory) else ():
@@ -156,10 +162,12 @@ def _pair_by_name(
     """Pairs poses by the paths, file names or stems of pictures; `named` collects those in use."""
     found = _index_names(stream.images, recording)
     poses: dict[Path, np.ndarray] = {}
+    alike = {normalize_name(name): images for name, images in found.items()}
     for row, label in enumerate(trajectory.labels or ()):
-        if label in found:
+        images = found.get(label) or alike.get(normalize_name(label))
+        if images:
             named.add(row)
-            poses.setdefault(found[label][0], trajectory.poses[row])
+            poses.setdefault(images[0], trajectory.poses[row])
     return [poses.get(image) for image in stream.images], [None] * len(stream.images)
 
 

@@ -11,6 +11,7 @@ import numpy as np
 from gsut.data.images import IMAGE_SUFFIXES
 from gsut.data.poses import is_time
 from gsut.data.rigs import Mount
+from gsut.files import split_numbers
 
 TIME_TOLERANCE = 0.02  # seconds, as TUM's own tools use
 MASK = "mask.png"
@@ -73,9 +74,10 @@ class Recording:
 def list_pictures(folder: Path, *, below: bool = False) -> list[Path]:
     """Lists the pictures of a folder (and below it), sorted, without a mask.png."""
     found = folder.rglob("*") if below else folder.glob("*")
-    return sorted(
+    pictures = (
         p for p in found if p.suffix.lower() in IMAGE_SUFFIXES and p.is_file() and p.name != MASK
     )
+    return sorted(pictures, key=lambda path: split_numbers(path.as_posix()))
 
 
 def find_stream(name: str, folder: Path) -> Stream:

@@ -12,7 +12,7 @@ import numpy as np
 from gsut.data.errors import DatasetError
 from gsut.data.poses import NANOSECONDS, check_rigid, invert_pose
 from gsut.data.rigs.rig import read_camchain, read_rig
-from gsut.files import check_regular, read_json, read_yaml
+from gsut.files import read_json, read_yaml
 from gsut.lens import Camera, load_camera
 from gsut.lens.files import is_camchain
 
@@ -62,9 +62,7 @@ def read_mounts(lens: Path | dict[str, Path], names: Sequence[str]) -> dict[str,
             )
         return {name: _read_mount(lens[name], name) for name in names}
     if lens.suffix.lower() in _YAML:
-        values = (
-            read_yaml(lens) if not check_regular(lens).read_bytes().startswith(b"%YAML") else {}
-        )
+        values = read_yaml(lens)
         if is_camchain(values):
             return _select_mounts(_read_mounts_of_camchain(lens), names, lens)
     elif lens.suffix.lower() == ".json" and _is_rig(read_json(lens)):
@@ -88,7 +86,7 @@ def is_rig_file(lens: Path) -> bool:
     """
     if lens.suffix.lower() == ".json":
         return _is_rig(read_json(lens))
-    if lens.suffix.lower() not in _YAML or check_regular(lens).read_bytes().startswith(b"%YAML"):
+    if lens.suffix.lower() not in _YAML:
         return False
     return sum(is_camchain({key: None}) for key in read_yaml(lens)) > 1
 
@@ -116,7 +114,7 @@ def _select_mounts(mounts: dict[str, Mount], names: Sequence[str], lens: Path) -
 
 def _read_mount(lens: Path, name: str) -> Mount:
     """Reads a file of one camera, a camchain's camera of this name, or EuRoC's sensor.yaml."""
-    if lens.suffix.lower() in _YAML and not check_regular(lens).read_bytes().startswith(b"%YAML"):
+    if lens.suffix.lower() in _YAML:
         values = read_yaml(lens)
         if is_camchain(values):
             return _select_mounts(_read_mounts_of_camchain(lens), [name], lens)[name]
@@ -168,8 +166,8 @@ def find_body_from_camera(name: str, mounts: dict[str, Mount], poses_of: str | N
         if mount.from_body is None:
             raise DatasetError(
                 mount.source,
-                "there is no T_cam_imu (Kalibr) or T_BS (EuRoC), so that the poses of the body "
-                "say nothing of this camera",
+                "there is no T_cam_imu or T_imu_cam (Kalibr) or T_BS (EuRoC), so that the poses of "
+                "the body say nothing of this camera",
                 "add it; or, where the poses are those of a camera, write `poses_of: "
                 f"{next(iter(mounts)) or 'camera'}` into dataset.yaml",
             )

@@ -14,10 +14,11 @@ import numpy as np
 from gsut._core import CalibrationError, InputError, Shutter
 from gsut.data.errors import DatasetError
 from gsut.data.poses import check_rigid, find_centers, invert_pose
-from gsut.files import check_regular, read_yaml, write_file
+from gsut.files import read_json, read_yaml, register_reader, write_file
 from gsut.lens import Camera, load_camera, spread_pixels
 from gsut.lens.files import is_camchain
 
+_GIVE_RIG = "give the report.json that `gsut calibrate --rig` wrote, or a camchain YAML of Kalibr"
 _POSE = "camera_from_reference"
 _LENS = "file"
 _SHUTTER = "shutter"
@@ -85,6 +86,7 @@ class Rig:
         return dataclasses.replace(self, cameras=nothing, lens_files=nothing)
 
 
+@register_reader("rig", ".json", ".yaml", ".yml", advice=_GIVE_RIG)
 def read_rig(path: str | os.PathLike[str]) -> Rig:
     """Reads a rig.
 
@@ -108,14 +110,8 @@ def read_rig(path: str | os.PathLike[str]) -> Rig:
         CalibrationError: a lens file is broken.
     """
     file = Path(path)
-    try:
-        text = check_regular(file).read_text(encoding="utf-8")
-    except OSError as error:
-        raise InputError(f"--rig {file} cannot be read: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise InputError(f"--rig {file} is not text; give a JSON or camchain YAML file") from error
     is_yaml = file.suffix.lower() in (".yaml", ".yml")
-    rig = _read_camchain_rig(file) if is_yaml else _parse_rig(file, text)
+    rig = _read_camchain_rig(file) if is_yaml else _read_json_rig(file)
     if len(rig) < _FEWEST_CAMERAS:
         raise InputError(
             f"{file} holds {len(rig)} camera; a rig has at least {_FEWEST_CAMERAS}: calibrate all "
@@ -155,14 +151,8 @@ def write_rig(rig: Rig, path: Path) -> None:
     write_file(path, text)
 
 
-def _parse_rig(file: Path, text: str) -> Rig:
-    try:
-        values = json.loads(text)
-    except json.JSONDecodeError as error:
-        raise InputError(
-            f"{file}, line {error.lineno}: not JSON ({error.msg}); give the report.json that "
-            "`gsut calibrate --rig` wrote, or a camchain YAML of Kalibr"
-        ) from error
+def _read_json_rig(file: Path) -> Rig:
+    values = read_json(file, advice=_GIVE_RIG)
     cameras = values.get("cameras") if isinstance(values, dict) else None
     if not isinstance(cameras, dict) or not cameras:
         raise InputError(
@@ -241,9 +231,10 @@ def read_camchain(
     """Reads the cameras of a Kalibr camchain.
 
     Returns:
-        Of each its name, lens, camera_from_cam0 (by T_cn_cnm1) and camera_from_imu (T_cam_imu, or
-        that of another camera through T_cn_cnm1), both (4, 4) or None where the file does not say,
-        and timeshift_cam_imu: seconds, time of the IMU minus that of the camera.
+        Of each its name, lens, camera_from_cam0 (by T_cn_cnm1) and camera_from_imu (T_cam_imu, the
+        inverse of T_imu_cam, or that of another camera through T_cn_cnm1), both (4, 4) or None
+        where the file does not say, and timeshift_cam_imu: seconds, time of the IMU minus that of
+        the camera.
 
     Raises:
         InputError: not YAML, or no camchain.
@@ -259,12 +250,14 @@ def read_camchain(
         where, entry = f"{file}, camera {name}", values[name]
         step = entry.get("T_cn_cnm1") if isinstance(entry, dict) else None
         imu = entry.get("T_cam_imu") if isinstance(entry, dict) else None
+        back = entry.get("T_imu_cam") if isinstance(entry, dict) and imu is None else None
         pose = np.eye(4) if number == 0 else None
         before = from_first[-1] if number else None
         if number and step is not None and before is not None:
             pose = _parse_pose(step, where) @ before
         from_first.append(pose)
-        from_imu.append(None if imu is None else _parse_pose(imu, where))
+        pose = None if imu is None else _parse_pose(imu, where)
+        from_imu.append(pose if back is None else invert_pose(_parse_pose(back, where)))
     known = next((k for k, pose in enumerate(from_imu) if pose is not None), None)
     if known is not None:
         for k, pose in enumerate(from_first):

@@ -2,7 +2,7 @@
 
 from gsut.data.scene.digests import capture_state, describe_changes, digest_scene
 from gsut.data.scene.lines import find_line_times, interpolate_poses, project_points
-from gsut.data.scene.maps import MILLIMETRE, read_depth, read_normals
+from gsut.data.scene.maps import MILLIMETRE, find_bad_maps, read_depth, read_normals
 from gsut.data.scene.scene import Scene, View, keep_at_most
 from gsut.data.scene.shutter import order_frames, with_shutter
 from gsut.data.scene.split import TEST_EVERY, choose_inner_views, hold_out_views, split_views
@@ -21,6 +21,7 @@ __all__ = [
     "count_lens_turns",
     "describe_changes",
     "digest_scene",
+    "find_bad_maps",
     "find_line_times",
     "find_up",
     "find_upright_poses",

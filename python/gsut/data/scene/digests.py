@@ -13,6 +13,7 @@ import numpy as np
 
 from gsut.data.errors import list_some
 from gsut.data.scene.scene import Scene
+from gsut.files import FileError, open_binary
 
 _END_BYTES = 1 << 16  # of both ends of a file: pictures that differ differ there
 
@@ -89,12 +90,12 @@ def _is_unchanged(path: Path, size: int, mark: int | str) -> bool:
 
 def _read_ends(path: Path) -> bytes:
     try:
-        with open(path, "rb") as file:
+        with open_binary(path) as file:
             size = os.fstat(file.fileno()).st_size
             first = file.read(_END_BYTES)
             file.seek(max(len(first), size - _END_BYTES))
             return size.to_bytes(8, "little") + first + file.read(_END_BYTES)
-    except OSError:
+    except FileError:
         return b""  # whoever needs its pixels says so
 
 

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import concurrent.futures
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
+from gsut import _core
 from gsut._core import InputError
 from gsut.data.scene.scene import Scene
-from gsut.files import read_picture
+from gsut.files import Array, read_npy, read_picture, register_reader
 
 MILLIMETRE = 1e-3  # metres of a level of a 16-bit depth picture, as RGB-D cameras write it
 _SHORTEST = 0.5  # length from which three numbers are a normal; shorter ones mean unknown
@@ -35,7 +38,7 @@ def read_depth(
     if path is None or not path.is_file():
         return None
     if path.suffix == ".npy":
-        depth = _load_numbers(path, "distances")
+        depth = _load_numbers(path)
     else:
         picture = _load_picture(path)
         if picture is None or picture.ndim != 2:
@@ -72,7 +75,7 @@ def read_normals(scene: Scene, view: int) -> np.ndarray | None:
     if path is None:
         return None
     if path.suffix == ".npy":
-        normals = _load_numbers(path, "normals").astype(np.float32)
+        normals = _load_numbers(path).astype(np.float32)
     else:
         picture = _load_picture(path)
         if picture is None or picture.ndim != 3 or picture.dtype not in (np.uint8, np.uint16):
@@ -90,11 +93,26 @@ def read_normals(scene: Scene, view: int) -> np.ndarray | None:
         return np.where(length > _SHORTEST, normals / length, 0.0).astype(np.float32)
 
 
-def _load_numbers(path: Path, what: str) -> np.ndarray:
-    try:
-        return np.load(path, allow_pickle=False).astype(np.float64)
-    except (ValueError, OSError, EOFError) as error:
-        raise InputError(f"{path}: no array of {what}: {error}") from None
+def find_bad_maps(scene: Scene, depth: bool = True, normals: bool = True) -> Iterator[InputError]:
+    """Reads the depth and normal files of all views; yields why one cannot be used."""
+
+    def read(view: int) -> list[InputError]:
+        errors = []
+        for each in (read_depth,) * depth + (read_normals,) * normals:
+            try:
+                each(scene, view)
+            except InputError as error:
+                errors.append(error)
+        return errors
+
+    with concurrent.futures.ThreadPoolExecutor(_core.num_threads()) as threads:
+        for errors in threads.map(read, range(len(scene.views))):
+            yield from errors
+
+
+@register_reader("depths and normals", ".npy")
+def _load_numbers(path: Path) -> np.ndarray:
+    return read_npy(path, Array(finite=False)).astype(np.float64)
 
 
 def _load_picture(path: Path) -> np.ndarray | None:

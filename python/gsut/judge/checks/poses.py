@@ -30,7 +30,6 @@ _ESTIMATE_LENS = "let the lens be estimated: --unknown-lens"
 _ADD_BETWEEN = "take more pictures between them, each showing two thirds of the one before"
 _ADD_LINKS = "add pictures between those that are connected and the others"
 _ADD_TURNED = "add images, some turned by 90 degrees about the axis of the lens"
-_SORT_ZOOMS = "put the images of each zoom into a folder of their own"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -52,7 +51,6 @@ class PosesQuality(PictureQuality):
             a global shutter.
         motion: a sentence on a motion that determines too little; empty: none.
         only_turned: whether that motion is a turn on the spot.
-        zooms: at which the images were taken.
         look_alikes: a sentence on places taken for one another; empty: none.
     """
 
@@ -69,7 +67,6 @@ class PosesQuality(PictureQuality):
     readout_turn: float | None = None
     motion: str = ""
     only_turned: bool = False
-    zooms: int = 1
     look_alikes: str = ""
 
     @property
@@ -156,14 +153,10 @@ POSES_CHECKS: tuple[Check[PosesQuality], ...] = (
     ),
     *PICTURE_CHECKS,
     Check(
-        "zooms", lambda q: q.zooms, 1, math.inf,
-        lambda q: f"the images were taken at {q.zooms} zooms", _SORT_ZOOMS,
-    ),
-    Check(
         "images without a pose", lambda q: q.lost, _SOME_LOST, _MANY_LOST,
         lambda q: f"{q.images - q.registered} of {q.images} images could not be connected with the "
         "others",
-        lambda q: _ADD_LINKS if q.zooms == 1 else _SORT_ZOOMS,
+        _ADD_LINKS,
     ),
     Check(
         "images that few points hold",

@@ -6,6 +6,7 @@ import dataclasses
 import functools
 import importlib
 import pkgutil
+import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -38,7 +39,9 @@ class LensFile:
 
     @functools.cached_property
     def values(self) -> dict[str, Any]:
-        """The keys and values of a JSON or YAML file; raises CalibrationError for any other."""
+        """The keys and values of JSON, YAML or OpenCV's XML; raises CalibrationError for others."""
+        if is_opencv_xml(self):
+            return _read_opencv_xml(self)
         parse = parse_json if self.path.suffix.lower() == ".json" else parse_yaml
         return parse(self.text, self.source, dict, fails=make_lens_error)
 
@@ -60,6 +63,7 @@ class LensFormat:
         names: patterns of file names that choose it for writing; of several that match, the one
             with the longest ending wins, then the longest one.
         models: names of lenses that it holds, at least with some parameters; blanks part them.
+        has_ids: whether its cameras have names; of other files `read` gets None.
     """
 
     name: str
@@ -72,6 +76,28 @@ class LensFormat:
     write: Callable[[Camera, str], str | bytes] | None = None
     names: tuple[str, ...] = ()
     models: str = ""
+    has_ids: bool = False
+
+
+def is_opencv_xml(file: LensFile) -> bool:
+    """Returns whether a file is what OpenCV's FileStorage writes as XML."""
+    return file.path.suffix.lower() == ".xml" and b"<opencv_storage" in file.data
+
+
+def _read_opencv_xml(file: LensFile) -> dict[str, Any]:
+    """Reads the numbers, words and matrices of OpenCV's XML as its YAML has them."""
+    try:
+        root = ElementTree.fromstring(file.text)
+    except ElementTree.ParseError as error:
+        raise CalibrationError(
+            f"{file.source}, line {error.position[0]}: not XML ({error})"
+        ) from error
+    values: dict[str, Any] = {}
+    for element in root:
+        parts = {child.tag: (child.text or "").strip() for child in element}
+        text = (element.text or "").strip()
+        values[element.tag] = {**parts, "data": parts["data"].split()} if "data" in parts else text
+    return values
 
 
 @functools.cache

@@ -7,7 +7,7 @@ import os
 from pathlib import Path
 
 from gsut._core import CalibrationError, InputError
-from gsut.files import read_bytes, reading, write_file
+from gsut.files import read_bytes, reading, register_reader, write_file
 from gsut.lens.camera import Camera
 from gsut.lens.files._format import LensFile, LensFormat, list_formats, make_lens_error
 
@@ -16,6 +16,7 @@ _MOST_BYTES = 256 << 20  # of a lens file; tables of rays are the largest
 _ADVICE = "is it a lens file, and whole?"
 
 
+@register_reader("lens")
 def load_camera(path: _Path, camera_id: int | str | None = None) -> Camera:
     """Reads a lens file.
 
@@ -46,7 +47,13 @@ def load_camera(path: _Path, camera_id: int | str | None = None) -> Camera:
     source, place = str(path), Path(path)
     file = LensFile(place, source, read_bytes(place, _MOST_BYTES))
     with reading(source, _ADVICE, make_lens_error):
-        return _find_format(file).read(file, camera_id)
+        format = _find_format(file)
+        if camera_id is not None and not format.has_ids:
+            raise InputError(
+                f"{source}: has no camera {camera_id}; it holds one lens without a name: leave "
+                "camera_id out"
+            )
+        return format.read(file, camera_id)
 
 
 def _find_format(file: LensFile) -> LensFormat:

@@ -92,4 +92,5 @@ FORMAT = LensFormat(
     write=lambda camera, suffix: format_aria(camera),
     names=("*aria*.json",),
     models="fisheye624 kannala_brandt pinhole",
+    has_ids=True,
 )

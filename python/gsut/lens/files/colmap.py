@@ -201,4 +201,5 @@ FORMAT = LensFormat(
     write=lambda camera, suffix: format_colmap(camera),
     names=("*.txt",),
     models=WRITTEN_MODELS,
+    has_ids=True,
 )

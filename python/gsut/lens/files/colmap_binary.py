@@ -74,4 +74,5 @@ FORMAT = LensFormat(
     write=lambda camera, suffix: format_colmap_binary(camera),
     names=("*.bin",),
     models=WRITTEN_MODELS,
+    has_ids=True,
 )

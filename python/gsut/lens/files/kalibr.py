@@ -134,6 +134,7 @@ FORMATS = (
         names=("*camchain*.yaml", "*camchain*.yml"),
         models="double_sphere extended_unified fov kannala_brandt mei opencv4 opencv5 pinhole "
         "unified",
+        has_ids=True,
     ),
     LensFormat(
         "euroc",

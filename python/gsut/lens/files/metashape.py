@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ElementTree
 
 from gsut._core import CalibrationError, InputError
 from gsut.lens.camera import Camera
-from gsut.lens.files._format import LensFile, LensFormat
+from gsut.lens.files._format import LensFile, LensFormat, is_opencv_xml
 from gsut.lens.files._values import LensValues, refuse_lens
 
 # Lens of each projection; both pixel conventions put the first pixel's centre at (0.5, 0.5), and
@@ -27,24 +27,43 @@ def read_metashape(file: LensFile, camera_id: int | str | None) -> Camera:
         root = ElementTree.fromstring(text)
     except ElementTree.ParseError as error:
         raise CalibrationError(f"{source}, line {error.position[0]}: not XML ({error})") from error
-    found = {}
-    for index, sensor in enumerate(root.iter("sensor")):
-        given = sensor.findall("calibration")
-        if given:
-            adjusted = [each for each in given if each.get("class") == "adjusted"]
-            names = sensor.get("id", str(index)), sensor.get("label", "")
-            found[names] = (adjusted or given)[-1]
+    found = _list_sensors(root)
     if not found:
         if root.tag != "calibration":
             raise CalibrationError(f"{source}: holds no <calibration>; is it Metashape's?")
-        found[("0", "")] = root
-    known = ", ".join(f"{number} ({label})" if label else number for number, label in found)
+        found = [("0", "", root)]
+    known = ", ".join(f"{number} ({label})" if label else number for number, label, _ in found)
     if camera_id is None and len(found) > 1:
         raise InputError(f"{source}: holds {len(found)} sensors; give camera_id, one of {known}")
-    for names, calibration in found.items():
-        if camera_id is None or str(camera_id) in names:
-            return _read_calibration(calibration, source, text)
-    raise InputError(f"{source}: has no sensor {camera_id}; it holds {known}")
+    chosen = [each for *names, each in found if camera_id is None or str(camera_id) in names]
+    if len(chosen) > 1:
+        raise InputError(
+            f"{source}: {len(chosen)} sensors are called {camera_id}; give a number or a label of "
+            f"one of {known}, or export the chunk of one camera alone"
+        )
+    if not chosen:
+        raise InputError(f"{source}: has no sensor {camera_id}; it holds {known}")
+    return _read_calibration(chosen[0], source, text)
+
+
+def _list_sensors(root: ElementTree.Element) -> list[tuple[str, str, ElementTree.Element]]:
+    """Lists number, label and calibration of the sensors in chunks that are not disabled.
+
+    A spherical sensor has no calibration: its size is all of it.
+    """
+    chunks = list(root.iter("chunk"))
+    enabled = [chunk for chunk in chunks if chunk.get("enabled", "true") not in ("false", "0")]
+    found = []
+    for chunk in enabled or chunks or [root]:
+        for index, sensor in enumerate(chunk.iter("sensor")):
+            given = sensor.findall("calibration")
+            adjusted = [each for each in given if each.get("class") == "adjusted"]
+            if not given and sensor.get("type") == _SPHERE:
+                given = [sensor]
+            if given:
+                names = sensor.get("id", str(index)), sensor.get("label", "")
+                found.append((*names, (adjusted or given)[-1]))
+    return found
 
 
 def _read_calibration(calibration: ElementTree.Element, source: str, text: str) -> Camera:
@@ -110,7 +129,10 @@ FORMAT = LensFormat(
     "Metashape",
     (".xml",),
     read_metashape,
+    lambda file: not is_opencv_xml(file),
+    marks="<calibration>",
     write=lambda camera, suffix: format_metashape(camera),
     names=("*.xml",),
     models="brown_conrady brown_fisheye equirectangular kannala_brandt opencv4 opencv5 pinhole",
+    has_ids=True,
 )

@@ -212,4 +212,5 @@ FORMAT = LensFormat(
     write=lambda camera, suffix: format_ocam(camera),
     names=("*calib_results*.txt",),
     models="ocam",
+    has_ids=True,
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gsut.lens.camera import Camera
-from gsut.lens.files._format import KEYED, LensFile, LensFormat
+from gsut.lens.files._format import KEYED, LensFile, LensFormat, is_opencv_xml
 from gsut.lens.files._values import LensValues, refuse_lens
 
 _PIXEL_SHIFT = 0.5  # pixels: OpenCV's pixel (0, 0) is gsut's (0.5, 0.5)
@@ -28,6 +28,8 @@ _FIELD_ANGLE_KEY = "valid_field_angle"
 
 def has_camera_matrix(file: LensFile) -> bool:
     """Returns whether a key is one of the names that programs give the camera matrix."""
+    if file.path.suffix.lower() == ".xml" and not is_opencv_xml(file):
+        return False
     return LensValues(file.values, "").find(*_MATRIX_KEYS) is not None
 
 
@@ -44,6 +46,7 @@ def read_opencv(file: LensFile, camera_id: int | str | None) -> Camera:
         reader.fail(matrix_key, f"expected fx 0 cx, 0 fy cy, 0 0 1 (no skew), found {matrix}")
     params = [matrix[0], matrix[4], matrix[2] + _PIXEL_SHIFT, matrix[5] + _PIXEL_SHIFT]
     width, height = _read_size(reader)
+    _refuse_part(reader)
     limit = reader.read_number(_FIELD_ANGLE_KEY) if _FIELD_ANGLE_KEY in values else None
     key = reader.find(*_DISTORTION_KEYS)
     coefficients = reader.read_numbers(key) if key is not None else []
@@ -82,6 +85,23 @@ def read_opencv(file: LensFile, camera_id: int | str | None) -> Camera:
         known = ", ".join(map(str, _RADIAL_LENSES))
         reader.fail(str(key), f"expected {known} coefficients, found {len(coefficients)}")
     return reader.make_camera(lens, params + coefficients, width, height, limit, keys)
+
+
+def _refuse_part(reader: LensValues) -> None:
+    """Fails for what is of a part of the camera's pictures, of smaller ones, or of two cameras."""
+    values = reader.values
+    roi = values.get("roi")
+    places = [roi.get(key) for key in ("x_offset", "y_offset")] if isinstance(roi, dict) else []
+    is_part = any(place not in (None, 0) for place in places)
+    sizes = [values.get(key) for key in ("binning_x", "binning_y")]
+    if is_part or any(isinstance(size, int) and size > 1 for size in sizes):
+        reader.fail(
+            "roi" if is_part else "binning_x",
+            "says that the pictures are a part of the camera's (roi), or smaller (binning): give "
+            "the lens of these pictures, or remove the key where the pictures are whole",
+        )
+    if reader.find("M1") is not None and reader.find("M2") is not None:
+        reader.fail("M2", "is a second camera: write M1, D1 and M2, D2 to a file each")
 
 
 def _read_list(reader: LensValues, key: str, count: int) -> list[float]:
@@ -156,7 +176,7 @@ def format_opencv(camera: Camera, suffix: str) -> str:
 FORMAT = LensFormat(
     "opencv",
     "OpenCV, ROS, Open3D",
-    KEYED,
+    (*KEYED, ".xml"),
     read_opencv,
     has_camera_matrix,
     marks="camera_matrix",

@@ -97,4 +97,5 @@ FORMAT = LensFormat(
     write=lambda camera, suffix: format_opensfm(camera),
     names=("*camera_models*.json",),
     models="equirectangular fisheye624 kannala_brandt opencv4 opencv5 pinhole",
+    has_ids=True,
 )

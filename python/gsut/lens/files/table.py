@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import io
 import re
-import zipfile
 
 import numpy as np
 
 from gsut._core import CalibrationError, InputError
+from gsut.files import read_npz, reading
 from gsut.lens.camera import Camera
-from gsut.lens.files._format import LensFile, LensFormat
+from gsut.lens.files._format import LensFile, LensFormat, make_lens_error
 from gsut.lens.fit_rays import fit_camera
 
 _COLUMNS = ("x", "y", "rx", "ry", "rz")
@@ -36,8 +35,8 @@ def read_table(file: LensFile, camera_id: int | str | None) -> Camera:
     Raises:
         CalibrationError: something is missing, or no model fits to half a pixel (RMS).
     """
-    data, source = file.data, file.source
-    table, keys = (_read_npz if data[:2] == b"PK" else _read_csv)(data, source)
+    source = file.source
+    table, keys = (_read_npz if file.path.suffix.lower() == ".npz" else _read_csv)(file)
     try:
         width, height = (int(float(keys[name])) for name in ("width", "height"))
         center = float(keys.get("pixel_center", 0.5))
@@ -73,11 +72,8 @@ def read_table(file: LensFile, camera_id: int | str | None) -> Camera:
     return best
 
 
-def _read_csv(data: bytes, source: str) -> tuple[np.ndarray, dict[str, str]]:
-    try:
-        text = data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        raise CalibrationError(f"{source}: is not text ({error})") from error
+def _read_csv(file: LensFile) -> tuple[np.ndarray, dict[str, str]]:
+    text, source = file.text, file.source
     rows = [line for line in text.splitlines() if line.strip() and not line.startswith("#")]
     names = [word.strip().lower() for word in re.split(r"[,;\s]+", rows[0].strip())] if rows else []
     if all(name in names for name in _COLUMNS):
@@ -96,17 +92,14 @@ def _read_csv(data: bytes, source: str) -> tuple[np.ndarray, dict[str, str]]:
     return np.array(table).reshape(-1, len(_COLUMNS)), dict(_KEY.findall(text))
 
 
-def _read_npz(data: bytes, source: str) -> tuple[np.ndarray, dict[str, str]]:
-    try:
-        with np.load(io.BytesIO(data), allow_pickle=False) as file:
-            pixels = np.asarray(file["pixels"], np.float64).reshape(-1, 2)
-            rays = np.asarray(file["rays"], np.float64).reshape(-1, 3)
-            keys = {n: str(file[n].item()) for n in file.files if file[n].size == 1}
-            return np.concatenate([pixels, rays], axis=1), keys
-    except (KeyError, ValueError, zipfile.BadZipFile) as error:
-        raise CalibrationError(
-            f"{source}: {error}; give pixels (N, 2), rays (N, 3), width and height"
-        ) from error
+def _read_npz(file: LensFile) -> tuple[np.ndarray, dict[str, str]]:
+    advice = "give pixels (N, 2), rays (N, 3), width and height"
+    with reading(file.source, advice, make_lens_error):
+        found = read_npz(file.path)
+        pixels = np.asarray(found["pixels"], np.float64).reshape(-1, 2)
+        rays = np.asarray(found["rays"], np.float64).reshape(-1, 3)
+        keys = {name: str(values.item()) for name, values in found.items() if values.size == 1}
+        return np.concatenate([pixels, rays], axis=1), keys
 
 
 FORMAT = LensFormat("table", "pixels and rays", (".csv", ".npz"), read_table)

@@ -12,6 +12,7 @@ import json
 from typing import Any, ClassVar
 
 from gsut._core import InputError
+from gsut.files import parse_json
 from gsut.run.options.fields import (
     check_options,
     define_option,
@@ -211,10 +212,7 @@ class TrainOptions:
         Raises:
             InputError: not a JSON object, an unknown key (lists the known ones), or a bad value.
         """
-        try:
-            values = json.loads(text)
-        except json.JSONDecodeError as error:
-            raise InputError(f"{source}: not valid JSON ({error})") from None
+        values = parse_json(text, source)
         if not isinstance(values, dict):
             raise InputError(f"{source}: a JSON object of options is needed, found {text[:40]!r}")
         known = [field.name for field in dataclasses.fields(cls)]

@@ -5,17 +5,16 @@ from gsut.sfm.lens.candidates import guess_lenses
 from gsut.sfm.lens.center import free_center
 from gsut.sfm.lens.critical_motion import TURNED
 from gsut.sfm.lens.doubt import compare_lens, describe_doubt, judge_lens
-from gsut.sfm.lens.information import WeightedObservations, differentiate_by_turn
-from gsut.sfm.lens.zooms import describe_zooms, find_zooms, index_points, join_points
+from gsut.sfm.lens.information import GROUPS, WeightedObservations, differentiate_by_turn
+from gsut.sfm.lens.sightings import index_points, join_points
 
 __all__ = [
+    "GROUPS",
     "TURNED",
     "WeightedObservations",
     "compare_lens",
     "describe_doubt",
-    "describe_zooms",
     "differentiate_by_turn",
-    "find_zooms",
     "free_center",
     "guess_lenses",
     "index_points",

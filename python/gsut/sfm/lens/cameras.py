@@ -11,9 +11,9 @@ from gsut import _core
 from gsut._core import SolveError
 from gsut.data import list_some
 from gsut.lens import Camera, with_scaled_focal
-from gsut.sfm.lens.candidates import make_lens
-from gsut.sfm.lens.search import ADVICE, START, choose_lens
-from gsut.sfm.lens.zooms import Sightings, gather_sightings, search_zooms, try_focals
+from gsut.sfm.lens.candidates import DEFAULT_FIELD, make_lens
+from gsut.sfm.lens.search import ADVICE, START, choose_lens, search_lens
+from gsut.sfm.lens.sightings import Sightings, gather_sightings, try_focals
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import explain_failure, require_overlap, select_pairs, verify_matches
 from gsut.sfm.photographs import LensGroup
@@ -22,7 +22,6 @@ from gsut.sfm.solution import Adjustment, index_lenses, solve_poses
 _FEWEST_IMAGES = 3  # of a camera whose lens is estimated from its own images: two leave it open
 _MOST_TRIED = 10  # images that show which lens their camera has
 _FITS = 0.5  # share of an image's matches that must agree with points for a trial to count
-_FIELD = 60.0  # degrees across of lenses whose focal length is scaled
 # Degrees across of cameras that state no focal length: short zooms, phones, wide angles.
 _GUESSED_FIELDS = (45.0, 60.0, 75.0)
 _BENDS = (1.0, 0.0)  # perspective and equidistant: kinds of lenses that are tried
@@ -31,7 +30,7 @@ _BENDS = (1.0, 0.0)  # perspective and equidistant: kinds of lenses that are tri
 def search_lenses(mapping: Mapping) -> Mapping:
     """Estimates poses, points and every unknown lens.
 
-    One lens of all photographs is searched with its zooms. Of several cameras each lens is chosen
+    One lens of all photographs is searched with their poses. Of several cameras each lens is chosen
     from the camera's own photographs; then all matches are verified through these lenses and those
     known, and poses, points and unknown lenses are estimated together. A camera with too few
     photographs, or too few matches among them, gets the lens through which its photographs fit
@@ -46,7 +45,7 @@ def search_lenses(mapping: Mapping) -> Mapping:
     """
     groups, log = mapping.photographs.unknown_groups, mapping.log
     if len(groups) == 1 and len(groups[0].images) == len(mapping.photographs):
-        return search_zooms(mapping)
+        return search_lens(mapping)
     lenses = _Lenses(mapping, groups)
     open_groups, failure, rows = [], None, []
     for group in groups:
@@ -170,7 +169,7 @@ def _fit_to_points(lenses: _Lenses, group: LensGroup) -> bool:
     candidates = [
         *group.candidates,
         *(c for c in settled if (c.width, c.height) == (width, height)),
-        *(make_lens(width, height, _FIELD, bend) for bend in _BENDS),
+        *(make_lens(width, height, DEFAULT_FIELD, bend) for bend in _BENDS),
     ]
     best, most = None, 0
     for start in candidates:

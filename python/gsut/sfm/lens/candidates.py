@@ -13,10 +13,12 @@ from gsut.data.images import read_header
 from gsut.lens import Camera
 from gsut.sfm.photographs import TANGENT, Features, LensGroup, Photographs
 
+FREE = 1  # flag of a parameter that is estimated by itself
+TIED = 2  # flag of the focal lengths, which change by one factor
 _FISHEYE_FROM = 110.0  # degrees across: wider guesses are fisheyes from the start
 _WIDEST_PERSPECTIVE = 130.0  # degrees across: beyond it tan() stretches the image's edge too much
 _UNREADABLE_SIZE = (640, 480)  # pixels, of a camera whose images cannot be read and get no pose
-_DEFAULT_FIELD = 60.0  # degrees across: between a phone's main and wide camera
+DEFAULT_FIELD = 60.0  # degrees across: between a phone's main and wide camera
 _LONGEST_SAMPLE = 200  # features of an image that are tested for a ray
 _MOST_SAMPLED = 50  # images whose features are tested for a ray
 # Fields of view along the longer side (degrees) by kind of lens, r = f tan(b theta) / b: a
@@ -47,7 +49,7 @@ def guess_lenses(photographs: Photographs, fov_degrees: float | None) -> Photogr
             own = f"{width} x {height}"
             name = group.name if len(sizes) == 1 else f"{group.name} {own}".strip()
             likely = tuple(c for c in group.candidates if (c.width, c.height) == (width, height))
-            guess = next(iter(likely), guess_lens(width, height, fov_degrees or _DEFAULT_FIELD))
+            guess = next(iter(likely), guess_lens(width, height, fov_degrees or DEFAULT_FIELD))
             for image in images:
                 cameras[image] = guess
             groups.append(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -9,52 +10,54 @@ import numpy as np
 from gsut._core import SolveError
 from gsut.judge.checks import FOCAL_LIMIT
 from gsut.lens import Camera, find_focal_params, has_focal_length
+from gsut.sfm.lens.candidates import TIED
 from gsut.sfm.lens.covariance import estimate_lens_covariances
-from gsut.sfm.lens.prior import count_groups, estimate_focal_sigma, find_focal
+from gsut.sfm.lens.prior import find_focal
 from gsut.sfm.mapping import Mapping
-from gsut.sfm.matches import keep_most_distinct
-from gsut.sfm.solution import FEATURE_VARIANCE, Adjustment, Solution, adjust_registered
-from gsut.significance import convert_to_normal
+from gsut.sfm.matches import PairMatches, choose_connected_pairs, keep_most_distinct
+from gsut.sfm.solution import (
+    FEATURE_VARIANCE,
+    Adjustment,
+    LensFlags,
+    Solution,
+    adjust_registered,
+    compare_solutions,
+)
 
-_MATCHES = 150  # of a pair, the most distinct: a focal length needs no more
-_TIED = 2  # flag of the focal lengths, which change by one factor
-# Standard deviations, as rare as in a normal law, beyond which photographs contradict a lens.
-_CONTRADICTS = 3.0
+_IMAGES = 14  # best connected with each other, which know a focal length to a percent
 
 
 def check_given_lens(mapping: Mapping) -> Mapping:
     """Adds to the findings how far the photographs contradict the focal length of a given lens.
 
-    Everything is adjusted again with the focal length free. Only a difference that would lower the
-    verdict is compared with its standard deviation. Does nothing for a rig, several lenses, or a
-    lens that has no focal length.
+    Some images are adjusted again with the focal length free. Where the difference would lower the
+    verdict, the same images with the focal length held decide whether it may be chance. Does
+    nothing for a rig, several lenses, or a lens that has no focal length.
     """
     solution = mapping.solved
-    lens = _find_one_lens(solution)
+    lens = _find_one_lens(mapping)
     if lens is None or mapping.rig is not None or not len(solution.points):
         return mapping
     flags = np.zeros(len(lens.params), np.uint8)
-    flags[find_focal_params(lens)] = _TIED
-    pairs = keep_most_distinct(mapping.pairs, _MATCHES)
+    flags[find_focal_params(lens)] = TIED
+    pairs = keep_most_distinct(choose_connected_pairs(mapping.pairs, _IMAGES))
     try:
-        free = adjust_registered(
-            solution, mapping.features, pairs, mapping.options,
-            adjustment=Adjustment(flags, covariances=False),
-        )  # fmt: skip
+        free = _adjust(mapping, pairs, flags)
+        (known,) = estimate_lens_covariances(free, flags, FEATURE_VARIANCE)
+        given, own = float(lens.params[0]), find_focal(free)
+        agrees = abs(math.log(own / given)) <= FOCAL_LIMIT
+        if not agrees:
+            held = _adjust(mapping, pairs, None)
+            found = compare_solutions(held, free, mapping.features, pairs, more_free=1)
+            agrees = not found.is_rival
     except SolveError:  # nothing can be said
         return mapping
-    given, own = float(lens.params[0]), find_focal(free)
-    gap = math.log(own / given)
-    figures = {"px": given, "images_px": own, "images_sigma_percent": None, "agrees": True}
-    if abs(gap) <= FOCAL_LIMIT:
+    sigma = float(known.sigmas[0]) / own
+    figures = {
+        "px": given, "images_px": own, "images_sigma_percent": 100 * sigma, "agrees": agrees,
+    }  # fmt: skip
+    if agrees:
         return mapping.add_findings({"given_focal": figures})
-    sigma = _estimate_sigma(mapping, free, flags)
-    if math.isfinite(sigma):
-        figures["images_sigma_percent"] = 100 * sigma
-    freedom = count_groups(free) - 1
-    if not math.isfinite(sigma) or convert_to_normal(gap / sigma, freedom) <= _CONTRADICTS:
-        return mapping.add_findings({"given_focal": figures})
-    figures["agrees"] = False
     mapping.log.note(
         f"the photographs give a focal length of {own:.1f} px, known to {200 * sigma:.1f} % (two "
         f"standard deviations), which contradicts the {given:.1f} px of the given lens; let the "
@@ -63,19 +66,21 @@ def check_given_lens(mapping: Mapping) -> Mapping:
     return mapping.add_findings({"given_focal": figures}, focal_gap=own / given - 1)
 
 
-def _find_one_lens(solution: Solution) -> Camera | None:
+def _find_one_lens(mapping: Mapping) -> Camera | None:
     """Returns the lens of all images with a pose; None if they differ or have no focal length."""
+    solution = mapping.solved
     lenses = [solution.cameras[image] for image in np.flatnonzero(solution.registered)]
     if not has_focal_length(lenses[0]) or any(lens != lenses[0] for lens in lenses[1:]):
         return None
     return lenses[0]
 
 
-def _estimate_sigma(mapping: Mapping, free: Solution, flags: np.ndarray) -> float:
-    """Estimates the standard deviation of the logarithm of a freed focal length."""
-    try:
-        (known,) = estimate_lens_covariances(free, flags, FEATURE_VARIANCE)
-    except SolveError:  # the images do not determine it
-        return math.inf
-    by_features = float(known.sigmas[0] / find_focal(free))
-    return estimate_focal_sigma(mapping, free, flags, by_features)
+def _adjust(mapping: Mapping, pairs: list[PairMatches], flags: LensFlags) -> Solution:
+    """Adjusts the images of some pairs, with these parameters of the lens free."""
+    solution = mapping.solved
+    images = {image for pair in pairs for image in (pair.first, pair.second)}
+    some = solution.registered & np.isin(np.arange(len(solution.names)), list(images))
+    return adjust_registered(
+        dataclasses.replace(solution, registered=some), mapping.features, pairs, mapping.options,
+        adjustment=Adjustment(flags, covariances=False),
+    )  # fmt: skip

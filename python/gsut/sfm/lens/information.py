@@ -21,6 +21,7 @@ _MOST_IMAGES = 400  # at once; of more the information is added up over windows
 _WINDOW = 150  # images, about
 # Points that an image must share with a window to join it: fewer do not hold its pose.
 _LEAST_SHARED = 20
+GROUPS = 8  # of successive images, taken to err independently
 _MEDIAN_SQUARE = 2 * math.log(2)  # of a normal vector's length in the plane, in variances
 
 

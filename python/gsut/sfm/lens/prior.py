@@ -9,13 +9,14 @@ import math
 import numpy as np
 
 from gsut._core import SolveError
+from gsut.judge import SURE
 from gsut.lens import FocalPrior, find_focal_params, with_scaled_focal
 from gsut.sfm.lens.candidates import guess_lens
 from gsut.sfm.lens.covariance import estimate_lens_covariances
-from gsut.sfm.lens.information import split_windows
+from gsut.sfm.lens.information import GROUPS, split_windows
 from gsut.sfm.lens.trials import run_trials
 from gsut.sfm.mapping import Mapping
-from gsut.sfm.matches import PairMatches, keep_most_distinct, verify_matches
+from gsut.sfm.matches import TRIAL_MATCHES, PairMatches, keep_most_distinct, verify_matches
 from gsut.sfm.solution import (
     Adjustment,
     OnStep,
@@ -24,18 +25,15 @@ from gsut.sfm.solution import (
     adjust_registered,
     solve_poses,
 )
+from gsut.significance import convert_to_normal
 
 # Standard deviation of the logarithm of a focal length by --fov, which is a rough field of view,
 # and by a lens of the database, of which cameras have several modes.
 _STATED = 0.05
-# Groups of consecutive images, each of which is left out once.
-_GROUPS = 8
 # Fewest images of which some can be left out and the others still determine a lens: how well it is
 # known cannot be measured with fewer.
 _FEWEST_IMAGES = 4
-# Most matches of a pair in adjustments without a group.
-_GROUP_MATCHES = 150
-# The same in adjustments of windows, which are many.
+# Most matches of a pair in adjustments of windows, which are many.
 _WINDOW_MATCHES = 50
 # Most images whose groups are left out: of more, which would be eight adjustments of nearly all,
 # windows are adjusted alone.
@@ -43,9 +41,6 @@ _MOST_LEFT_OUT = 100
 # Share of the prior's standard deviation below which the images alone know better.
 _NEGLIGIBLE = 0.1
 _EXIF = "EXIF"  # source of the focal length that photographs state
-# Standard deviations within which a prior and the images agree: Student's t with one degree of
-# freedom less than there are groups stays within them in 99.7 of 100 cases.
-_AGREE = 4.5
 
 
 def weigh_focal_prior(mapping: Mapping, features_sigma: float) -> tuple[Mapping, float]:
@@ -64,13 +59,14 @@ def weigh_focal_prior(mapping: Mapping, features_sigma: float) -> tuple[Mapping,
     solution, flags = mapping.solved, mapping.one_lens_free
     if flags is None:
         return mapping, features_sigma
-    sigma = estimate_focal_sigma(mapping, solution, flags, features_sigma)
+    sigma = _estimate_focal_sigma(mapping, solution, flags, features_sigma)
     prior = _find_prior(mapping)
     if prior is None:
         return mapping, sigma
     focal = find_focal(solution)
     gap = math.log(focal / prior.px)
-    agrees = abs(gap) <= _AGREE * math.hypot(sigma, prior.sigma)
+    apart = convert_to_normal(gap / math.hypot(sigma, prior.sigma), GROUPS - 1)
+    agrees = bool(apart <= SURE)
     share = 1 / (1 + (sigma / prior.sigma) ** 2) if math.isfinite(sigma) else 0.0  # of the images
     both = prior.sigma * math.sqrt(1 - share)
     held = None
@@ -120,11 +116,6 @@ def find_focal(solution: Solution) -> float:
     return float(solution.cameras[first].params[0])
 
 
-def count_groups(solution: Solution) -> int:
-    """Returns the number of groups of images that `estimate_focal_sigma` leaves out."""
-    return min(_GROUPS, solution.num_registered)
-
-
 def _hold_focal(
     mapping: Mapping, flags: np.ndarray, factor: float
 ) -> tuple[Solution, list[PairMatches]] | None:
@@ -158,7 +149,7 @@ def _hold_focal(
     return held, pairs
 
 
-def estimate_focal_sigma(
+def _estimate_focal_sigma(
     mapping: Mapping, solution: Solution, flags: np.ndarray, features_sigma: float
 ) -> float:
     """Estimates the standard deviation of the logarithm of the focal length by the images alone.
@@ -184,10 +175,10 @@ def _measure_spread_without_groups(
     def find_without(group: np.ndarray, on_step: OnStep) -> float | None:
         """Finds the logarithm of the focal length without a group; None: too few are left."""
         kept = np.setdiff1d(images, group)
-        found = _adjust_some(mapping, solution, flags, kept, _GROUP_MATCHES, on_step)
+        found = _adjust_some(mapping, solution, flags, kept, TRIAL_MATCHES, on_step)
         return None if found is None else math.log(find_focal(found))
 
-    groups = np.array_split(images, count_groups(solution))
+    groups = np.array_split(images, min(GROUPS, len(images)))
     found = run_trials([functools.partial(find_without, group) for group in groups])
     logs = [each for each in found if each is not None]
     return math.sqrt((len(logs) - 1) * float(np.var(logs))) if len(logs) > 1 else math.inf
@@ -213,7 +204,7 @@ def _measure_spread_of_windows(mapping: Mapping, solution: Solution, flags: np.n
         return math.log(focal), (focal / float(known.sigmas[0])) ** 2
 
     point, image = solution.observations[:, 0], solution.observations[:, 1]
-    windows = split_windows(image, point, len(solution.names), _GROUPS)
+    windows = split_windows(image, point, len(solution.names), GROUPS)
     found = run_trials([functools.partial(find_alone, window) for window in windows])
     values = np.array([each for each in found if each is not None])
     if len(values) < 2:

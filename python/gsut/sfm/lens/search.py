@@ -10,7 +10,7 @@ import numpy as np
 
 from gsut._core import SolveError
 from gsut.lens import Camera, convert_camera
-from gsut.sfm.lens.candidates import explain_implausible, list_lens_ladder
+from gsut.sfm.lens.candidates import FREE, TIED, explain_implausible, list_lens_ladder
 from gsut.sfm.lens.ranking import LensRanking, RankedLens
 from gsut.sfm.lens.trials import run_trials
 from gsut.sfm.mapping import Mapping
@@ -24,22 +24,23 @@ from gsut.sfm.matches import (
     select_verified_pairs,
     verify_matches,
 )
-from gsut.sfm.solution import Adjustment, OnStep, Solution, adjust_poses, solve_poses
+from gsut.sfm.solution import (
+    Adjustment,
+    OnStep,
+    Solution,
+    adjust_poses,
+    solve_poses,
+)
 
 _HOLD_OUT_EVERY = 5  # tracks, of those long enough to spare an observation
-_FREE = 1  # flag of a parameter that is estimated by itself
-_TIED = 2  # flag of the focal lengths that stay equal: square pixels
 # Estimated first of a Kannala-Brandt lens: the focal length and k1.
-START = np.array([_TIED, _TIED, 0, 0, _FREE, 0, 0, 0], np.uint8)
+START = np.array([TIED, TIED, 0, 0, FREE, 0, 0, 0], np.uint8)
 _ASPECT = (0, 1)  # parameters: the focal lengths
-_CENTER = (2, 3)  # parameters: the principal point
 # Share by which a lens with more parameters must predict held-out observations better.
 _BETTER = 0.005  # for more radial coefficients
-_BETTER_CENTER = 0.03  # for a free principal point, which is near the centre in most cameras
 _BETTER_ASPECT = 0.05  # for focal lengths that differ, which few lenses have
 _FIRST_IMAGES = 14  # best connected with each other, on which the first lenses are compared
 _MODEL_IMAGES = 20  # best connected with each other, on which models are compared
-_TRIAL_MATCHES = 150  # of a pair, the most distinct, that lenses and models are compared by
 _MOST_FIRST = 3  # lenses of the ranking that are reconstructed with
 _NEAR_BEST = 0.96  # share of the best lens' score that such a lens must have
 _SAME_FOCAL = 0.12  # difference of the logarithms of focal lengths that are not both tried
@@ -88,8 +89,8 @@ def choose_lens(
     view and kinds) are ranked by the matches of some pairs that agree through them. With the best
     of them the focal length and the first coefficient are estimated on a few images; then models,
     and which of their parameters, on more images, each from the poses of the first. Pixels are
-    square and the principal point is the image's centre unless held-out observations speak clearly
-    against it; impossible lenses are rejected.
+    square unless held-out observations speak clearly against it, and the principal point is the
+    image's centre; impossible lenses are rejected.
 
     Returns:
         The lens, flags of its estimated parameters (see `Adjustment`), the pairs of all
@@ -140,9 +141,7 @@ def _solve_first_images(
             break
         if number:
             few = trials.verify(lens.camera, wanted)
-        solution = trials.solve(
-            lens.camera, START, keep_most_distinct(few, _TRIAL_MATCHES), share=lens.share
-        )
+        solution = trials.solve(lens.camera, START, keep_most_distinct(few), share=lens.share)
         tried.append(focal)
         if solution is None:
             continue
@@ -166,7 +165,7 @@ def _choose_model(
 ) -> tuple[Solution, np.ndarray]:
     """Chooses the model that predicts held-out observations of more images best, with its flags."""
     images = _FIRST_IMAGES if trials.is_rolling else _MODEL_IMAGES
-    more = keep_most_distinct(choose_connected_pairs(pairs, images), _TRIAL_MATCHES)
+    more = keep_most_distinct(choose_connected_pairs(pairs, images))
     start = best if trials.is_rolling else trials.solve(best.cameras[0], START, more) or best
     chosen: tuple[Solution, np.ndarray] = (start, START)
     models = _list_models(start)
@@ -178,25 +177,12 @@ def _choose_model(
         if solution is not None and _is_better(solution, chosen[0], _BETTER):
             chosen = solution, flags
     trials.share = 0.75
-    center, aspect = _free_more(chosen, _CENTER), _free_more(chosen, _ASPECT)
-    found = trials.adjust(start, [center, aspect], more)
-    if found[0] is not None and _is_better(found[0], chosen[0], _BETTER_CENTER):
-        chosen = found[0], center[1]
-        aspect = _free_more(chosen, _ASPECT)
-        trials.rows.pop()  # of the aspect about the other centre
-        found = [None, *trials.adjust(start, [aspect], more)]
-    if found[1] is not None and _is_better(found[1], chosen[0], _BETTER_ASPECT):
-        chosen = found[1], aspect[1]
+    lens, flags = chosen[0].cameras[0], chosen[1].copy()
+    flags[list(_ASPECT)] = FREE
+    (stretched,) = trials.adjust(start, [(lens, flags)], more)
+    if stretched is not None and _is_better(stretched, chosen[0], _BETTER_ASPECT):
+        chosen = stretched, flags
     return chosen
-
-
-def _free_more(
-    chosen: tuple[Solution, np.ndarray], freed: Sequence[int]
-) -> tuple[Camera, np.ndarray]:
-    """Returns a solution's lens, and its flags with further parameters estimated."""
-    flags = chosen[1].copy()
-    flags[list(freed)] = _FREE
-    return chosen[0].cameras[0], flags
 
 
 def _is_better(other: Solution, than: Solution, share: float) -> bool:
@@ -211,13 +197,13 @@ def _rank_solution(solution: Solution) -> tuple[int, float]:
 
 def _list_models(start: Solution) -> Sequence[tuple[np.ndarray, Callable[[Camera], Camera]]]:
     """Lists the flags of the models to choose from, and how each is made of a lens near it."""
-    radial = np.array([_TIED, _TIED, 0, 0, 1, 1, 1, 1], np.uint8)
+    radial = np.array([TIED, TIED, 0, 0, 1, 1, 1, 1], np.uint8)
     fewer = np.where(np.arange(8) < 6, radial, 0).astype(np.uint8)
     fisheye = [(fewer, _keep_lens), (radial, _keep_lens)]
     if float(np.max(start.field_angles)) > _PERSPECTIVE_UP_TO:
         return fisheye
-    two = np.array([_TIED, _TIED, 0, 0, 1, 1, 0, 0], np.uint8)
-    three = np.append(two, _FREE).astype(np.uint8)
+    two = np.array([TIED, TIED, 0, 0, 1, 1, 0, 0], np.uint8)
+    three = np.append(two, FREE).astype(np.uint8)
     return [(two, _convert_to_opencv4), (three, _convert_to_opencv5), *fisheye]
 
 

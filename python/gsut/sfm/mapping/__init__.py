@@ -1,6 +1,6 @@
 """One run from photographs to poses: what it knows so far, and its log."""
 
 from gsut.sfm.mapping.log import PosesLog
-from gsut.sfm.mapping.state import Findings, Mapping, RigFit, Zoom
+from gsut.sfm.mapping.state import Findings, Mapping, RigFit
 
-__all__ = ["Findings", "Mapping", "PosesLog", "RigFit", "Zoom"]
+__all__ = ["Findings", "Mapping", "PosesLog", "RigFit"]

@@ -53,20 +53,11 @@ class RigFit:
 
 
 @dataclasses.dataclass(frozen=True)
-class Zoom:
-    """Images of one focal length, in pixels."""
-
-    focal: float
-    names: list[str]
-
-
-@dataclasses.dataclass(frozen=True)
 class Findings:
     """What a run has found so far, for its notes, verdict and poses.json.
 
     Args:
         rig: of a rig's images, else None.
-        zooms: that the images were taken at, where they are several.
         models: of images that do not connect with the others.
         look_alikes: what still speaks for places taken for one, or None.
         agreement: share of the verified matches that observe one point, or None.
@@ -83,7 +74,6 @@ class Findings:
     """
 
     rig: RigFit | None = None
-    zooms: list[Zoom] = dataclasses.field(default_factory=list)
     models: list[Any] = dataclasses.field(default_factory=list)
     agreement: float | None = None
     contradicted: float = 0.0

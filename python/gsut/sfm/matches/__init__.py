@@ -10,6 +10,7 @@ from gsut.sfm.matches.matching import (
     match_images,
 )
 from gsut.sfm.matches.selection import (
+    TRIAL_MATCHES,
     choose_connected_pairs,
     keep_most_distinct,
     select_pairs,
@@ -27,6 +28,7 @@ __all__ = [
     "MAX_DISTANCE",
     "MAX_RATIO",
     "ROLLING_ERROR",
+    "TRIAL_MATCHES",
     "WINDOW",
     "PairMatches",
     "RawMatches",

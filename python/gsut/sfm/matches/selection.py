@@ -13,7 +13,13 @@ _ENOUGH_MATCHES = 200  # of a pair, beyond which more do not count
 _ENOUGH_PARALLAX = 0.2  # radians, beyond which more does not count
 
 
-def keep_most_distinct(pairs: Sequence[PairMatches], most: int) -> list[PairMatches]:
+# Of a pair, the most distinct: a trial needs no more, and the time of large captures is bounded.
+TRIAL_MATCHES = 150
+
+
+def keep_most_distinct(
+    pairs: Sequence[PairMatches], most: int = TRIAL_MATCHES
+) -> list[PairMatches]:
     """Keeps at most `most` matches of each pair, the most distinct, which stand first."""
     return [
         pair

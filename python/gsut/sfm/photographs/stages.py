@@ -5,14 +5,13 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-import zipfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from gsut._core import InputError
-from gsut.files import whole_file, write_file
+from gsut.files import FileError, read_npz, read_text, write_file, write_npz
 
 FOLDER = "stages"
 _KEY = "key.txt"
@@ -39,7 +38,7 @@ class Stages:
         self.folder = out / FOLDER
         self.digest = digest_key(key)
         stored = self.folder / _KEY
-        if not (stored.is_file() and stored.read_text(encoding="utf-8") == self.digest):
+        if not self._is_current(stored):
             shutil.rmtree(self.folder, ignore_errors=True)
         try:
             self.folder.mkdir(parents=True, exist_ok=True)
@@ -47,19 +46,23 @@ class Stages:
             raise InputError(f"cannot make {self.folder}: {error.strerror}") from error
         write_file(stored, self.digest)
 
+    def _is_current(self, stored: Path) -> bool:
+        try:
+            return read_text(stored) == self.digest
+        except FileError:  # none, or one that a power cut left empty or torn
+            return False
+
     def remove(self) -> None:
         """Deletes the stage files once the run is complete."""
         shutil.rmtree(self.folder, ignore_errors=True)
 
     def save(self, name: str, arrays: dict[str, np.ndarray]) -> None:
         """Writes named arrays as one stage file."""
-        with whole_file(self.folder / f"{name}.npz") as file:
-            np.savez(file, **arrays)  # type: ignore[arg-type]  # numpy's stub wants bool for a name
+        write_npz(self.folder / f"{name}.npz", arrays)
 
     def load(self, name: str) -> dict[str, np.ndarray] | None:
         """Reads the arrays of a stage; None if the file is absent or damaged."""
         try:
-            with np.load(self.folder / f"{name}.npz") as file:
-                return {key: file[key] for key in file.files}
-        except (OSError, ValueError, KeyError, zipfile.BadZipFile):
+            return read_npz(self.folder / f"{name}.npz")
+        except FileError:
             return None

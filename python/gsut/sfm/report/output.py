@@ -16,7 +16,7 @@ from gsut.data import Frame, list_some, write_transforms
 from gsut.data.colmap import ColmapImage, ColmapModel, format_model_texts
 from gsut.data.points import format_points_ply
 from gsut.data.poses import invert_pose
-from gsut.files import read_json, write_file
+from gsut.files import read_json, register_reader, write_file
 from gsut.run import Verdict
 from gsut.sfm.lens import compare_lens
 from gsut.sfm.mapping import Mapping
@@ -229,6 +229,7 @@ def write_models(models: Sequence[Solution], photographs: Photographs, out: Path
     return notes
 
 
+@register_reader("poses.json", ".json")
 def read_figures(out: Path) -> dict[str, Any]:
     """Reads poses.json of a finished run.
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from gsut.data import CAPTURE_FOLDER, STRIP
 from gsut.data.poses import find_centers
-from gsut.files import write_file
+from gsut.files import read_bytes, write_file
 from gsut.page import (
     Chart,
     Style,
@@ -85,7 +85,7 @@ def write_report(out: Path, solution: Solution, values: dict[str, Any]) -> None:
     ]
     strip = out / CAPTURE_FOLDER / STRIP
     if strip.is_file():
-        address = embed_bytes(strip.read_bytes(), "image/jpeg")
+        address = embed_bytes(read_bytes(strip), "image/jpeg")
         parts.append(render_template(_STRIP, address=address))
     write_file(out / REPORT, build_page(title, values["notes"], parts))
 

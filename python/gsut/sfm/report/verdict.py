@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from gsut.data import list_some
 from gsut.judge.checks import FEW_AGREE, PosesQuality, has_bent, judge_poses
 from gsut.run import Verdict
-from gsut.sfm.lens import TURNED, describe_doubt, describe_zooms
+from gsut.sfm.lens import TURNED, describe_doubt
 from gsut.sfm.mapping import Findings, Mapping
 from gsut.sfm.matches import measure_pictures
 from gsut.sfm.photographs import Features
@@ -42,7 +42,6 @@ def judge_solution(solution: Solution, features: Sequence[Features], found: Find
             readout_turn=solution.readout_turn,
             motion=motion,
             only_turned=motion.startswith(TURNED),
-            zooms=len(found.zooms),
             look_alikes="" if alike is None else alike.explain(),
         )
     )
@@ -56,7 +55,7 @@ def list_notes(mapping: Mapping, of_lens: list[str]) -> list[str]:
     """
     solution, found = mapping.solved, mapping.found
     agreement, is_lens_known = found.agreement, found.figures["lens"] == "known"
-    notes = [*of_lens, *describe_zooms(found.zooms)]
+    notes = [*of_lens]
     notes += found.rig.notes if found.rig is not None else []
     elsewhere = {name for model in found.models for name in model.registered_names}
     without = [name for name in solution.unregistered_names if name not in elsewhere]

@@ -21,13 +21,12 @@ import numpy as np
 
 from gsut import _core
 from gsut.lens import Camera
-from gsut.sfm.lens import WeightedObservations
+from gsut.sfm.lens import GROUPS, WeightedObservations
 from gsut.sfm.solution import FEATURE_VARIANCE, Solution, order_by_folder, transform_to_cameras
 
 _FEWEST_FRAMES = 6  # with neighbours: fewer do not show how well the time explains them
 _LEAST_EXPLAINED = 0.5  # of the velocities' squares, below which the frames are no video
 _TINY = 1e-300  # keeps quotients finite
-_GROUPS = 8  # of successive images, taken to err independently
 _DRAWS = 4  # of the velocities' errors: their mean is known to a fifth
 _LEAST_RELIABLE = 0.5  # larger errors of the velocities are not known well enough
 _FEWEST_CORNERS = 8  # of known depth: six unknowns and some to judge them by
@@ -146,7 +145,7 @@ def estimate_readout_by_flow(
     # images, whose sum is that of the time, and some of what errors of the velocities look like.
     group = _assign_groups(known)
     motions = [rates, *_draw_errors(spread, known)]
-    last = _GROUPS + _DRAWS + 1
+    last = GROUPS + _DRAWS + 1
 
     def differentiate(rows: np.ndarray) -> np.ndarray:
         """Returns the weighted derivatives of some observations by lens, times and residual."""
@@ -155,7 +154,7 @@ def estimate_readout_by_flow(
             moves = np.cross(rate[image, 3:], seen.p[rows])
             moves -= np.einsum("nij,nj->ni", rotation[image], rate[image, :3])
             columns.append(seen.by_p[rows] @ (line[rows, None] * moves)[:, :, None])
-        columns[0] = columns[0] * (group[image][:, None] == np.arange(_GROUPS))[:, None, :]
+        columns[0] = columns[0] * (group[image][:, None] == np.arange(GROUPS))[:, None, :]
         residual = solution.residuals[seen.rows[rows], :, None]
         return seen.weight[rows] * np.concatenate([seen.by_lens[rows], *columns, residual], axis=2)
 
@@ -170,14 +169,14 @@ def estimate_readout_by_flow(
     except np.linalg.LinAlgError:
         return None
     left = normal[-last:, -last:] - taken_up
-    information = float(left[:_GROUPS, :_GROUPS].sum())
+    information = float(left[:GROUPS, :GROUPS].sum())
     if freedom <= 0 or not information > 0:
         return None
-    time = -float(left[:_GROUPS, -1].sum()) / information
+    time = -float(left[:GROUPS, -1].sum()) / information
     factor = seen.estimate_spread(freedom)[1] * FEATURE_VARIANCE
-    scores = left[:_GROUPS, -1] + left[:_GROUPS, :_GROUPS].sum(axis=1) * time
-    apart = _GROUPS / (_GROUPS - 1) * float(scores @ scores) / information**2
-    noise = float(np.diag(left)[_GROUPS:-1].mean())
+    scores = left[:GROUPS, -1] + left[:GROUPS, :GROUPS].sum(axis=1) * time
+    apart = GROUPS / (GROUPS - 1) * float(scores @ scores) / information**2
+    noise = float(np.diag(left)[GROUPS:-1].mean())
     return FlowReadout(
         time, math.sqrt(max(factor / information, apart)),
         max(1 - noise / information, _LEAST_RELIABLE),
@@ -187,7 +186,7 @@ def estimate_readout_by_flow(
 def _assign_groups(known: np.ndarray) -> np.ndarray:
     """Returns (N,) the group of successive images that each image is in."""
     order = np.cumsum(known) - 1
-    return np.clip(order * _GROUPS // max(1, int(known.sum())), 0, _GROUPS - 1)
+    return np.clip(order * GROUPS // max(1, int(known.sum())), 0, GROUPS - 1)
 
 
 def _draw_errors(spread: np.ndarray, known: np.ndarray) -> list[np.ndarray]:

@@ -18,7 +18,7 @@ from gsut.lens import Camera
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import PairMatches, choose_connected_pairs, keep_most_distinct
 from gsut.sfm.photographs import ImageLines
-from gsut.sfm.shutter.agreement import find_agreeing_order
+from gsut.sfm.shutter.agreement import find_better_order, reverse_lines
 from gsut.sfm.shutter.correction import LONGEST_READOUT, USUALLY_SHORT, correct_readout
 from gsut.sfm.shutter.readout import (
     FlowReadout,
@@ -39,13 +39,11 @@ _KNOWN = 0.1  # two standard deviations over the time, up to which the time coun
 _CLEAR = 4.0  # standard deviations from zero, below which there is no sign of a rolling shutter
 _KEPT = 0.95  # share of the images that must keep a pose
 _IMAGES = 30  # that the readout time is corrected on
-_TRIAL_MATCHES = 150  # of a pair, the most distinct, that corrections use
 # Motion during a readout over the diagonal that is worth the time that training takes longer.
 _MATTERS = 1e-3
 _USUAL_READOUT = 0.015  # seconds: of phones and action cameras
 _TRIED = 0.02  # seconds: a readout long enough for a wrong order to lose matches
 _OBLONG = 1.2  # ratio of a picture's sides from which it shows how the sensor was held
-_BACKWARDS = {"top_to_bottom": "bottom_to_top", "left_to_right": "right_to_left"}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -189,13 +187,13 @@ def _adjust_trial(
     if shutter is not None:
         motion = ReadoutMotion(shutter, time, rates, sigma=0.0, extend=False)
     return adjust_registered(
-        trial, mapping.features, keep_most_distinct(mapping.pairs, _TRIAL_MATCHES),
+        trial, mapping.features, keep_most_distinct(mapping.pairs),
         mapping.options, adjustment=Adjustment(mapping.one_lens_free, motion=motion),
     )  # fmt: skip
 
 
 def _find_order_by_matches(mapping: Mapping, rates: np.ndarray) -> LineOrder | None:
-    """Finds the order of the lines of one lens, and a first time, by `find_agreeing_order`."""
+    """Finds the order of the lines of one lens, and a first time, by `find_better_order`."""
     solution, flows = mapping.solved, mapping.photographs.flows
     camera, some = solution.cameras[0], _choose_images(solution, mapping.pairs, rates)
     if mapping.photographs.rig_cameras is not None or some.sum() < _FEWEST:
@@ -203,16 +201,21 @@ def _find_order_by_matches(mapping: Mapping, rates: np.ndarray) -> LineOrder | N
     if not is_probably_rolling(flows, camera.width, camera.height):
         return None
     trial = dataclasses.replace(solution, registered=some)
-    pairs = keep_most_distinct(mapping.pairs, _TRIAL_MATCHES)
+    pairs = keep_most_distinct(mapping.pairs)
+    pairs = [pair for pair in pairs if some[pair.first] and some[pair.second]]
+
+    def adjust(shutter: Shutter | None) -> Solution:
+        return _adjust_trial(mapping, trial, rates, shutter, _TRIED)
+
     ways = [Shutter(direction) for direction in _list_directions(camera)]
-    found = find_agreeing_order(
-        lambda shutter: _adjust_trial(mapping, trial, rates, shutter, _TRIED),
-        [pair for pair in pairs if some[pair.first] and some[pair.second]],
-        [(way, _reverse(way)) for way in ways],
-    )
+    try:
+        found = find_better_order(adjust, mapping.features, pairs, ways)
+    except SolveError:
+        return None
     if found is None:
         return None
-    return LineOrder(FlowReadout(found.share * _TRIED, math.inf), found.shutter, None)
+    shutter, share = found
+    return LineOrder(FlowReadout(share * _TRIED, math.inf), shutter, None)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -295,18 +298,12 @@ class _Trial:
         first = FlowReadout(abs(self.found.time), self.found.sigma)
         if self.found.time > 0:
             return LineOrder(first, self.ways[0], self.lines)
-        turned = [_reverse(way) for way in self.ways]
+        turned = [reverse_lines(way) for way in self.ways]
         lines = self.lines
         if lines is not None:
-            shutters = [None if way is None else _reverse(way) for way in lines.shutters]
+            shutters = [None if way is None else reverse_lines(way) for way in lines.shutters]
             lines = ImageLines(shutters, lines.readouts)
         return LineOrder(first, turned[0], lines)
-
-
-def _reverse(shutter: Shutter) -> Shutter:
-    """Returns the shutter that reads the same lines backwards."""
-    backwards = _BACKWARDS | {there: here for here, there in _BACKWARDS.items()}
-    return Shutter(backwards[shutter.direction])
 
 
 def _list_ways(direction: str, lenses: int) -> list[list[Shutter]]:
@@ -315,7 +312,7 @@ def _list_ways(direction: str, lenses: int) -> list[list[Shutter]]:
     alike = [forward] * lenses
     if lenses == 1:
         return [alike]
-    return [alike, [_reverse(forward) if lens % 2 else forward for lens in range(lenses)]]
+    return [alike, [reverse_lines(forward) if lens % 2 else forward for lens in range(lenses)]]
 
 
 def _compare_lengths(single: Sequence[FlowReadout]) -> list[float]:

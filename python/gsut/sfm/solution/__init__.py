@@ -12,7 +12,8 @@ from gsut.sfm.solution.adjustment import (
     StatedPlaces,
     index_lenses,
 )
-from gsut.sfm.solution.look_alikes import LookAlikes, find_look_alikes, separate_look_alikes
+from gsut.sfm.solution.evidence import compare_solutions
+from gsut.sfm.solution.look_alikes import LookAlikes, separate_look_alikes
 from gsut.sfm.solution.models import find_further_models, solve_left_out
 from gsut.sfm.solution.result import (
     FEATURE_VARIANCE,
@@ -51,9 +52,9 @@ __all__ = [
     "StatedPlaces",
     "adjust_poses",
     "adjust_registered",
+    "compare_solutions",
     "evaluate_observations",
     "find_further_models",
-    "find_look_alikes",
     "index_lenses",
     "measure_agreement",
     "measure_diagonal",

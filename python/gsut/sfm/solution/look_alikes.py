@@ -110,7 +110,7 @@ def find_look_alikes(
 def separate_look_alikes(
     solution: Solution,
     pairs: list[PairMatches],
-    solve: Callable[[list[PairMatches]], Solution],
+    solve: Callable[[list[PairMatches]], Solution] | None,
     times: np.ndarray | None = None,
     near: int = 0,
 ) -> tuple[Solution, list[PairMatches], LookAlikes | None]:
@@ -119,7 +119,7 @@ def separate_look_alikes(
     Args:
         solution: the result of mapping.
         pairs: verified matches that it was made from.
-        solve: maps the given pairs.
+        solve: maps the given pairs; None: nothing is mapped again.
         times, near: see `find_look_alikes`. Only frames near each other in time stay joined, or,
             where times are not known, images that share a neighbour: another false join may look
             right, and one is enough to fold the whole.
@@ -131,7 +131,7 @@ def separate_look_alikes(
     found = _gather_evidence(solution, times, near)
     least = _LEAST_LEFT * solution.num_registered
     for _ in range(_ROUNDS):
-        if not found.doubted.any():
+        if solve is None or not found.doubted.any():
             break
         kept = [pair for pair in pairs if found.joined[pair.first, pair.second]]
         if len(kept) == len(pairs):

@@ -24,7 +24,8 @@ from gsut.sfm.solution import (
     transform_to_cameras,
 )
 
-_MATCHES = 150  # of a pair, the most distinct: bounds the time of large captures
+# Images of which structures are found again, or more than one round adds others: each takes all.
+MOST_IMAGES = 200
 _IMAGES = 100  # that are compared with each other, evenly chosen
 _SHARES = (0.9, 0.6)  # of the pairs of images, that agree where poses are good, and usable
 # Baseline over the distance of what is seen, below which a pair has no direction to get wrong.
@@ -73,7 +74,7 @@ def split_matches(mapping: Mapping) -> list[list[PairMatches]]:
     is_second = rng.random(len(solution.points)) < 0.5
     point_of = index_points(solution, features)
     halves: list[list[PairMatches]] = [[], []]
-    for pair in keep_most_distinct(mapping.pairs, _MATCHES):
+    for pair in keep_most_distinct(mapping.pairs):
         first, second = pair.matches.T
         point = np.maximum(point_of[pair.first][first], point_of[pair.second][second])
         second_half = np.where(point >= 0, is_second[point], rng.random(len(point)) < 0.5)

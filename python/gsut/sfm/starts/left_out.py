@@ -16,6 +16,7 @@ from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import PairMatches
 from gsut.sfm.points import measure_angular_errors, measure_pixels_per_radian
 from gsut.sfm.solution import Adjustment, ReadoutMotion, Solution, adjust_registered
+from gsut.sfm.starts.halves import MOST_IMAGES
 
 # Share of the joined points that a pose must fit: chance fits one in thousands.
 _FITS = 0.2
@@ -30,10 +31,7 @@ _LOOSER = 2.0
 # Points of at least two other images that an image must observe once it is adjusted: from them on
 # poses were right to about a degree.
 _FEWEST_HELD = 10
-# More images are registered in one round, since each round adjusts all of them.
-_MOST_IMAGES = 200
 _FEWEST_MATCHES = 4  # of a pair of images whose poses are known: a few may be wrong
-_STEADY = 0.1  # relative deviation of velocities in a readout while images are added
 
 
 def register_left_out(mapping: Mapping) -> Mapping:
@@ -43,14 +41,13 @@ def register_left_out(mapping: Mapping) -> Mapping:
     most of the points fit that its matches join, however few, and predicts where its features meet
     those of other images. Then everything is adjusted again, and the image is kept if it observes
     enough points that do not depend on it. It may join others, so this is repeated while there are
-    any. Does nothing for a rig, where images were taken at several zooms, or where those left form
-    models of their own.
+    any. Does nothing for a rig, or where those left form models of their own.
 
     Returns:
         The run with solution and pairs, and in its findings which images they are.
     """
     found = mapping.found
-    if mapping.rig is not None or found.zooms or found.models:
+    if mapping.rig is not None or found.models:
         return mapping
     before = set(mapping.solved.unregistered_names)
     while not mapping.solved.registered.all() and len(mapping.solved.points):
@@ -60,7 +57,7 @@ def register_left_out(mapping: Mapping) -> Mapping:
         if more is None and len(best) < len(poses):
             more = _add_images(mapping, poses)
         mapping = more or mapping
-        if more is None or len(mapping.solved.names) > _MOST_IMAGES:
+        if more is None or len(mapping.solved.names) > MOST_IMAGES:
             break
     added = sorted(before - set(mapping.solved.unregistered_names))
     if not added:
@@ -115,7 +112,7 @@ def _add_images(mapping: Mapping, found: list[tuple[int, int, np.ndarray]]) -> M
         pairs = [*mapping.pairs, *_match_images(mapping, start, set(poses))]
         motion = None
         if solution.shutter is not None and solution.velocities is not None:
-            motion = ReadoutMotion(solution.shutter, 1.0, solution.velocities, _STEADY)
+            motion = ReadoutMotion(solution.shutter, 1.0, solution.velocities)
         try:
             more = adjust_registered(
                 start, mapping.features, pairs, mapping.options,

@@ -1,8 +1,9 @@
-"""Starts the structure again, and keeps what most matches agree with."""
+"""Starts the structure again, and keeps what explains the matches best."""
 
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -16,90 +17,82 @@ from gsut.sfm.solution import (
     ReadoutMotion,
     Solution,
     adjust_registered,
-    measure_agreement,
+    compare_solutions,
     measure_diagonal,
     solve_poses,
 )
-from gsut.sfm.starts.halves import HALF_INLIERS, measure_differences, split_matches
+from gsut.sfm.starts.halves import HALF_INLIERS, MOST_IMAGES, measure_differences, split_matches
 
 # Error over the diagonal that one in ten pairs of images exceeds where two structures are not the
 # same one: no adjustment brings them together.
 _OTHER = 0.017
-_MOST_IMAGES = 200  # of which a structure is found twice more
-# Of images of which nothing is known but that lines are read one after the other: velocities stay
-# within 0.002 radians, and a thousandth of the distance, or what matches demand beyond.
-_STEADY = 0.1
-# Share of the matches that another structure must have more, and individual velocities too.
-_WORTH = 0.03
+_VELOCITIES = 6  # of an image that has its own
 
 
 def try_other_starts(mapping: Mapping) -> Mapping:
-    """Replaces the solution by that of another start, if more matches agree with it.
+    """Replaces the solution by that of another start, if it explains the matches better.
 
     A structure that grows image by image may take a wrong turn that no adjustment undoes, and most
     points fit nevertheless: of the two ways to see a plane the wrong one, or velocities of a
-    rolling shutter that bend the scene: where images turn as no camera does, any other start is
-    better. A structure of half of the points seldom takes the same turn.
-    Poses found through a known lens are adjusted once more in any case, from a loose limit on:
-    more of the matches then agree with them. Does nothing for a rig, for a film, whose shutter is
-    found later, where the readout time is given, or without points.
+    rolling shutter that bend the scene. A structure of half of the points seldom takes the same
+    turn. Poses found through a known lens are adjusted once more, from a loose limit on: more of
+    the matches then agree with them. Velocities of a rolling shutter must pay for themselves. Does
+    nothing for a rig, for a film, whose shutter is found later, where the readout time is given, or
+    without points.
 
     Returns:
         The run with the solution.
     """
     solution = mapping.solved
-    is_rolling = solution.shutter is not None
     is_timed = bool(mapping.photographs.flows) or mapping.options.readout_time is not None
     if mapping.rig is not None or is_timed or not len(solution.points):
         return mapping
-    best, most = solution, _count_agreeing(mapping, solution)
-    if has_bent(solution.readout_turn, agreement=1.0):  # whatever agrees
-        most = 0
+    best = solution
     still = dataclasses.replace(solution, shutter=None, velocities=None)
-    if is_rolling or mapping.lens_free is None:
-        found, agreeing = _adjust(mapping, still, None)
-        if agreeing > most * (1 - _WORTH if is_rolling else 1):
-            best, most = found, agreeing
-        elif is_rolling and most > 0:
+    if solution.velocities is not None or mapping.lens_free is None:
+        best = _adjust(mapping, still, None) or solution
+    if solution.velocities is not None and best is not solution:
+        more_free = _VELOCITIES * solution.num_registered
+        if _is_better(mapping, best, solution, more_free):
             return mapping  # velocities are needed, and structures without them say nothing
     for start in _find_others(mapping, still):
-        found, agreeing = _adjust(mapping, start, None)
-        if agreeing > most * (1 + _WORTH):
-            best, most = found, agreeing
+        found = _adjust(mapping, start, None)
+        if found is not None and _is_better(mapping, best, found):
+            best = found
     if best is not solution and mapping.lens_free is not None:
-        best = _adjust(mapping, best, mapping.lens_free)[0]
+        best = _adjust(mapping, best, mapping.lens_free) or best
     return mapping.replace(solution=best)
 
 
-def _adjust(mapping: Mapping, start: Solution, lens_free: LensFlags) -> tuple[Solution, int]:
-    """Adjusts a start by all matches, from a loose limit on.
+def _is_better(mapping: Mapping, current: Solution, rival: Solution, more_free: int = 0) -> bool:
+    """Returns whether a rival explains the verified matches better beyond chance.
 
-    Returns:
-        The poses, and the number of matches that agree; the mapping's own, and none, where the
-        matches do not hold the start.
+    Images that turn as no camera does while they are read are impossible, whatever they explain.
     """
+    bent, also = (has_bent(each.readout_turn, agreement=1.0) for each in (current, rival))
+    prior = 0.0 if bent == also else math.inf if bent else -math.inf
+    pairs, features = mapping.pairs, mapping.features
+    return compare_solutions(current, rival, features, pairs, more_free, prior).is_rival
+
+
+def _adjust(mapping: Mapping, start: Solution, lens_free: LensFlags) -> Solution | None:
+    """Adjusts a start by all matches, from a loose limit on; None if they do not hold it."""
     shutter, motion = mapping.solved.shutter, None
-    if shutter is not None:
-        motion = ReadoutMotion(shutter, 1.0, np.zeros((len(start.names), 6)), _STEADY)
+    if shutter is not None:  # velocities near none, or what matches demand beyond
+        motion = ReadoutMotion(shutter, 1.0, np.zeros((len(start.names), 6)))
     try:
-        found = adjust_registered(
+        return adjust_registered(
             start, mapping.features, mapping.pairs, mapping.options,
             mapping.log.follow_steps("mapping"),
             Adjustment(lens_free, motion=motion, extend=True),
         )  # fmt: skip
     except SolveError:
-        return mapping.solved, 0
-    return found, _count_agreeing(mapping, found)
-
-
-def _count_agreeing(mapping: Mapping, solution: Solution) -> int:
-    """Counts the matches that observe one point."""
-    return int(measure_agreement(solution, mapping.pairs).together.sum())
+        return None
 
 
 def _find_others(mapping: Mapping, still: Solution) -> Iterator[Solution]:
     """Finds structures of either half of the points, and yields those that are not the same."""
-    if still.num_registered > _MOST_IMAGES:
+    if still.num_registered > MOST_IMAGES:
         return
     images = dataclasses.replace(mapping.images, cameras=still.cameras, shutter=None)
     limit = _OTHER * measure_diagonal(still.cameras)

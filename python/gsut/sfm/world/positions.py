@@ -12,7 +12,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data.poses import find_centers
-from gsut.files import check_regular
+from gsut.files import read_text, register_reader
 from gsut.sfm.solution import similarity_from_points
 
 _GEODETIC = ("latitude", "longitude", "altitude")  # columns in degrees and metres
@@ -46,6 +46,7 @@ class PositionFit:
     is_upside_down: bool
 
 
+@register_reader("positions of photographs", ".csv", ".txt")
 def read_positions(path: str | os.PathLike[str]) -> dict[str, np.ndarray]:
     """Reads the positions of photographs from a CSV file with a heading.
 
@@ -59,30 +60,24 @@ def read_positions(path: str | os.PathLike[str]) -> dict[str, np.ndarray]:
     Raises:
         InputError: cannot be read, lacks a column, or a line is wrong; file and line are named.
     """
-    try:
-        with open(check_regular(path), newline="", encoding="utf-8-sig") as file:
-            table = csv.DictReader(file, skipinitialspace=True)
-            heading = [name.strip().lower() for name in table.fieldnames or ()]
-            table.fieldnames = heading
-            wanted = next((w for w in (_GEODETIC, _METRIC) if {"name", *w} <= set(heading)), None)
-            if wanted is None:
-                raise InputError(
-                    f"{path}: the first line must name the columns name,{','.join(_GEODETIC)} or "
-                    f"name,{','.join(_METRIC)}; found {','.join(heading) or 'nothing'}"
-                )
-            rows = {}
-            for row in table:
-                try:
-                    values = np.array([float(row[key]) for key in wanted])
-                except (TypeError, ValueError):
-                    values = np.full(3, np.nan)
-                if not np.isfinite(values).all() or not row["name"]:
-                    raise InputError(
-                        f"{path}:{table.line_num}: a name and three numbers are needed"
-                    )
-                rows[row["name"].strip()] = values
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path}: cannot be read: {error}") from None
+    table = csv.DictReader(read_text(path).splitlines(), skipinitialspace=True)
+    heading = [name.strip().lower() for name in table.fieldnames or ()]
+    table.fieldnames = heading
+    wanted = next((w for w in (_GEODETIC, _METRIC) if {"name", *w} <= set(heading)), None)
+    if wanted is None:
+        raise InputError(
+            f"{path}: the first line must name the columns name,{','.join(_GEODETIC)} or "
+            f"name,{','.join(_METRIC)}; found {','.join(heading) or 'nothing'}"
+        )
+    rows = {}
+    for row in table:
+        try:
+            values = np.array([float(row[key]) for key in wanted])
+        except (TypeError, ValueError):
+            values = np.full(3, np.nan)
+        if not np.isfinite(values).all() or not row["name"]:
+            raise InputError(f"{path}:{table.line_num}: a name and three numbers are needed")
+        rows[row["name"].strip()] = values
     if wanted == _GEODETIC and rows:
         return dict(
             zip(rows, _convert_to_east_north_up(np.stack(list(rows.values()))), strict=True)

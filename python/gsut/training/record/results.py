@@ -178,11 +178,19 @@ def write_findings(
     if refined is not None:
         metrics["notes"] += _list_refinement_notes(metrics)
         write_refined(run, refined)
-    accused = run.read_json(RunFile.CHECK)
-    verdict = judge_training(metrics, str(data), str(run.path), options, division, accused)
+    verdict = judge_training(
+        metrics, str(data), str(run.path), options, division, find_accused(run)
+    )
     metrics["verdict"] = verdict.as_dict()
     run.write_json("metrics.json", metrics)
     write_report(run)
+
+
+def find_accused(run: RunFolder) -> dict[str, str] | None:
+    """Finds the doctor's first finding against poses or lens, if all are against one of them."""
+    found = (run.read_json(RunFile.FINDINGS) or {}).get("findings", [])
+    against = [each for each in found if each["subject"]]
+    return against[0] if len({each["subject"] for each in against}) == 1 else None
 
 
 def _list_refinement_notes(metrics: dict[str, Any]) -> list[str]:

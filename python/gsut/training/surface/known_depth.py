@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from gsut.data import Scene
-from gsut.data.scene import project_points, read_depth
+from gsut.data.scene import find_bad_maps, project_points, read_depth
+from gsut.run import TrainOptions
 
 # A point is hidden if it is this many times as far as the nearest one in its cell of the image:
 # surfaces seen at a slant span less within a cell.
@@ -25,6 +26,13 @@ _LAST = 0.01
 def anneal(fraction: float) -> float:
     """Returns the share of the weight at a fraction of the steps, falling from 1 to 1/100."""
     return _LAST**fraction
+
+
+def check_maps(scene: Scene, options: TrainOptions) -> None:
+    """Raises the InputError of the first depth or normal file that the training would stop at."""
+    depth = KnownDepth(scene, options.known_depth).source == "files"
+    for error in find_bad_maps(scene, depth) if options.surface else ():
+        raise error
 
 
 class KnownDepth:

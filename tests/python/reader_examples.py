@@ -1,0 +1,260 @@
+"""A small whole file of each format that gsut reads, which tests and lab damage."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import pkgutil
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+
+import gsut
+import small_datasets
+import small_recordings
+import small_videos
+from calib.boards.images import read_grey
+from formats.scene_cases import plain_scene
+from gsut import formats
+from gsut.blocks.layout import Layout
+from gsut.capture.exif import read_facts
+from gsut.capture.track import read_film_facts
+from gsut.capture.video import Video
+from gsut.cli.edit import _read_undo
+from gsut.data.capture_file import read_capture
+from gsut.data.errors import raise_error
+from gsut.data.images.decode import decode_mask, read_header
+from gsut.data.poses.camera_path import read_path, read_path_lens
+from gsut.data.poses.trajectory import read_trajectory
+from gsut.data.rigs import read_rig
+from gsut.data.scene.maps import _load_numbers
+from gsut.lens import spread_pixels
+from gsut.lifting.lifted import Lifted
+from gsut.lifting.map_folder import read_map
+from gsut.render.confidence import Confidence
+from gsut.run.checkpoint import read_checkpoint, write_checkpoint
+from gsut.run.folder import RunFolder, read_run_json
+from gsut.run.history import read_history
+from gsut.sfm.report.output import read_figures
+from gsut.sfm.world import read_positions
+from gsut.surface import Mesh, load_mesh, save_mesh
+
+LENS = gsut.Camera("kannala_brandt", [90, 91, 64, 48, 0.01, 0, 0, 0], 128, 96)
+BARREL = gsut.Camera("opencv5", [90, 91, 64, 48, -0.1, 0.02, 1e-3, -1e-3, 0], 128, 96)
+POSE = np.eye(4).tolist()
+VERDICT = {"level": "good", "what": "sharp", "reasons": [], "advice": ""}
+
+
+class Example(NamedTuple):
+    """A file, and a function that reads it."""
+
+    file: Path
+    read: Callable[[], Any]
+
+
+Make = Callable[[Path], Example]
+
+
+def write_values(name: str, values: Any, read: Callable[[Path], Any]) -> Make:
+    """Returns a function that writes JSON by this name."""
+
+    def make(folder: Path) -> Example:
+        file = folder / name
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(json.dumps(values))
+        return Example(file, lambda: read(file))
+
+    return make
+
+
+def write_by(name: str, write: Callable[[Path], Any], read: Callable[[Path], Any]) -> Make:
+    """Returns a function that writes a file of this name by `write`."""
+
+    def make(folder: Path) -> Example:
+        file = folder / name
+        write(file)
+        return Example(file, lambda: read(file))
+
+    return make
+
+
+def write_picture(file: Path) -> None:
+    cv2.imwrite(str(file), np.random.default_rng(1).integers(0, 255, (20, 30, 3), np.uint8))
+
+
+def make_confidence() -> Confidence:
+    gaussians = plain_scene(np.random.default_rng(1), 9)
+    return Confidence.from_sums(gaussians, *np.ones((3, 9)))
+
+
+def write_scene(file: Path) -> None:
+    formats.save_gaussians(file, plain_scene(np.random.default_rng(1), 60))
+
+
+def write_mesh(file: Path) -> None:
+    save_mesh(file, Mesh(np.eye(3), np.array([[0, 1, 2]], np.int32)))
+
+
+def write_dataset(folder: Path) -> Example:
+    small_datasets.write_nerfstudio(folder / "data")
+    return Example(folder / "data/transforms.json", lambda: gsut.load_dataset(folder / "data"))
+
+
+def write_capture(folder: Path) -> Example:
+    frame = {"name": "a", "path": "a.png", "time": 0.5, "flow": [[0, 1]], "blurred": False}
+    values = {"key": {"inputs": [["a.mp4", 1, 2]]}, "inputs": ["a"], "notes": [], "size": [30, 20],
+              "focal_px": 20.5, "frames": [frame]}  # fmt: skip
+    return write_values("capture.json", values, lambda file: read_capture(file.parent))(folder)
+
+
+def write_figures(folder: Path) -> Example:
+    values = {
+        "registered": 2, "images": 3, "points": 9, "lens": "pinhole", "seconds": {"all": 1.5},
+        "reprojection_error_px": {"rms": 0.5, "median": 0.4}, "verdict": VERDICT,
+        "lenses": [{"model": "pinhole", "params": [9, 9, 4, 3]}],
+    }  # fmt: skip
+    return write_values("poses.json", values, lambda file: read_figures(file.parent))(folder)
+
+
+RIG = {"cameras": {
+    name: {"file": "lens.json", "camera_from_reference": [0, 0, 0, place, 0, 0]}
+    for name, place in (("a", 0.0), ("b", 0.5))
+}}  # fmt: skip
+
+
+def write_rig(folder: Path) -> Example:
+    gsut.save_camera(LENS, folder / "lens.json")
+    return write_values("rig.json", RIG, read_rig)(folder)
+
+
+def write_options(folder: Path) -> Example:
+    run = RunFolder.create(folder / "run", gsut.TrainOptions(steps=100))
+    return Example(run.path / "options.json", run.read_options)
+
+
+def write_data(write: Callable[[Path], Any], name: str) -> Make:
+    """Returns a function that writes a dataset, of which the first file of this name is damaged."""
+
+    def make(folder: Path) -> Example:
+        write(folder / "data")
+        file = next(iter(sorted((folder / "data").rglob(name))))
+        return Example(file, lambda: gsut.load_dataset(folder / "data"))
+
+    return make
+
+
+def list_rays() -> np.ndarray:
+    pixels = spread_pixels(LENS.width, LENS.height).reshape(-1, 2)
+    return np.concatenate([pixels, LENS.unproject(pixels)[0]], axis=1)
+
+
+def write_table(file: Path) -> None:
+    np.savetxt(file, list_rays(), header="width: 128\nheight: 96", delimiter=",")
+
+
+def write_arrays(file: Path) -> None:
+    rays = list_rays()
+    np.savez(file, pixels=rays[:, :2], rays=rays[:, 2:], width=128, height=96)
+
+
+TREE = {"axis": 0, "at": 1.5, "below": None, "above": None}
+# Reader -> its example; see `gsut.files.register_reader`.
+EXAMPLES: dict[str, Make] = {
+    "JSON of a run": write_values("metrics.json", {"steps": 9, "psnr": 20.5}, read_run_json),
+    "camera path": write_values(
+        "path.json", {"camera_from_world": [POSE] * 3}, lambda file: read_path(file, None)
+    ),
+    "capture.json": write_capture,
+    "checkpoint": write_by(
+        "a.npz",
+        lambda file: write_checkpoint(file, {"step": 1, "state": {"a": np.arange(30.0)}}),
+        read_checkpoint,
+    ),
+    "confidence": write_by("b.npz", lambda file: make_confidence().save(file), Confidence.load),
+    "dataset": write_dataset,
+    "depths and normals": write_by("d.npy", lambda f: np.save(f, np.ones((3, 4))), _load_numbers),
+    "facts of a photograph": write_by("a.jpg", write_picture, read_facts),
+    "header of a picture": write_by("a.png", write_picture, read_header),
+    "history of a run": write_by(
+        "history.jsonl", lambda file: file.write_text('{"step": 1, "loss": 0.5}\n'), read_history
+    ),
+    "layout of blocks": write_values(
+        "layout.json", {"tree": TREE, "near": [[0, 0, 0], [1, 1, 1]]}, lambda f: Layout.read(str(f))
+    ),
+    "lens": write_by("o.yaml", lambda file: gsut.save_camera(LENS, file), gsut.load_camera),
+    "lens of a camera path": write_values(
+        "nerf.json",
+        {"camera_path": [{"camera_to_world": POSE, "fov": 50}], "render_height": 60,
+         "render_width": 80},
+        read_path_lens,
+    ),
+    "map of a view": write_by("m.npy", lambda f: np.save(f, np.ones((3, 4), np.uint8)), read_map),
+    "mask": write_by("mask.png", write_picture, decode_mask),
+    "options of a run": write_options,
+    "photograph of a board": write_by("board.png", write_picture, read_grey),
+    "poses.json": write_figures,
+    "positions of photographs": write_by(
+        "p.csv", lambda file: file.write_text("name,x,y,z\na.png,1,2,3\n"), read_positions
+    ),
+    "rig": write_rig,
+    "trajectory": write_values(
+        "poses/poses.json", {"a.png": POSE}, lambda file: read_trajectory(file, raise_error)
+    ),
+    "transforms of nerfstudio's trainings": write_values(
+        "dataparser_transforms.json", {"transform": POSE[:3], "scale": 0.5}, _read_undo
+    ),
+    "what was lifted": write_by(
+        "l.npz",
+        lambda file: Lifted(np.ones((3, 2)), np.ones(3), np.array([2, 7])).save(file),
+        Lifted.load,
+    ),
+    # More files of these readers.
+    **{
+        name: write_by(name, lambda file: gsut.save_camera(LENS, file), gsut.load_camera)
+        for name in ("camchain.yaml", "cameras.txt", "gsut.lens.json", "opencv.json", "aria.json",
+                     "transforms.json", "camera_models.json")
+    },
+    **{
+        name: write_by(name, lambda file: gsut.save_camera(BARREL, file), gsut.load_camera)
+        for name in ("lens.cameramodel", "matlab.json", "calibration.xml")
+    },
+    "table.csv": write_by("table.csv", write_table, gsut.load_camera),
+    "table.npz": write_by("table.npz", write_arrays, gsut.load_camera),
+    "COLMAP images.txt": write_data(small_datasets.write_colmap_text, "images.txt"),
+    "COLMAP points3D.txt": write_data(small_datasets.write_colmap_text, "points3D.txt"),
+    "poses.txt": write_data(small_datasets.write_folder, "poses.txt"),
+    "EuRoC data.csv": write_data(small_recordings.write_euroc, "data.csv"),
+    "EuRoC sensor.yaml": write_data(small_recordings.write_euroc, "sensor.yaml"),
+    # Of binary files, which tests/python/malformed.py damages, too.
+    "PLY of Gaussians": write_by("s.ply", write_scene, formats.load_gaussians),
+    "SOG": write_by("s.sog", write_scene, formats.load_gaussians),
+    "SPZ": write_by("s.spz", write_scene, formats.load_gaussians),
+    "compressed PLY": write_by("s.compressed.ply", write_scene, formats.load_gaussians),
+    "film": write_by(
+        "film.mp4", lambda file: small_videos.walk_past(file, 4), lambda file: Video(file).close()
+    ),
+    "glTF of Gaussians": write_by("s.glb", write_scene, formats.load_gaussians),
+    "large PLY of Gaussians": write_by(
+        "large.ply", write_scene, lambda file: formats.open_ply(file, 10_000)
+    ),
+    "mesh": write_by("m.off", write_mesh, load_mesh),
+    "sensors of a film": write_by(
+        "sensors.mp4", lambda file: small_videos.walk_past(file, 4), read_film_facts
+    ),
+    "splat": write_by("s.splat", write_scene, formats.load_gaussians),
+}  # fmt: skip
+# Of a library that may take minutes over its own damaged files; of a package that few install.
+WITHOUT = {"USD", "weights of learned features"}
+
+
+def import_all(package: ModuleType) -> None:
+    """Imports every module of a package: each registers its readers."""
+    for module in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
+        if not module.name.endswith((".__main__", ".inside_mrcal", ".worker")):
+            if module.name.startswith("gsut.torch"):
+                continue
+            importlib.import_module(module.name)
