@@ -80,7 +80,7 @@ def run_all(arguments: argparse.Namespace, folder: Path) -> Iterator[tuple[str, 
         yield kind, title, run_forked(functools.partial(send_requests, title, world))[0]
     for kind, title in [row for row in list_numbers() if only in row[1]][chosen]:
         yield kind, title, run_forked(functools.partial(render_numbers, title))[0]
-    listed = list(list_reader_cases(folder / "readers"))
+    listed = list(list_reader_cases())
     for number, (kind, title) in enumerate([row for row in listed if only in row[1]][chosen]):
         scratch = folder / f"reader-{number}"
         yield kind, title, run_forked(functools.partial(read_wrong_file, title, scratch))[0]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -9,14 +11,19 @@ from reader_examples import EXAMPLES
 from wrong_files import find_fault, list_contents
 
 
-def list_reader_cases(folder: Path) -> Iterator[tuple[str, str]]:
+@functools.cache
+def _list_files(name: str) -> tuple[bytes, ...]:
+    with tempfile.TemporaryDirectory() as folder:
+        file, _ = EXAMPLES[name](Path(folder))
+        return tuple(list_contents(file, file.read_bytes()))
+
+
+def list_reader_cases() -> Iterator[tuple[str, str]]:
     """Lists the kind and title of each wrong file: the reader's name and the file's number."""
-    for name, make in EXAMPLES.items():
-        place = folder / f"list {name}"
-        place.mkdir(parents=True)
-        file, _ = make(place)
-        count = sum(1 for _ in list_contents(file, file.read_bytes()))
-        yield from (("reader", f"reader: {name}, {number}") for number in range(count))
+    for name in EXAMPLES:
+        yield from (
+            ("reader", f"reader: {name}, {number}") for number in range(len(_list_files(name)))
+        )
 
 
 def read_wrong_file(title: str, scratch: Path) -> str | None:
@@ -24,8 +31,5 @@ def read_wrong_file(title: str, scratch: Path) -> str | None:
     name, _, number = title.removeprefix("reader: ").rpartition(", ")
     scratch.mkdir()
     file, read = EXAMPLES[name](scratch)
-    for place, content in enumerate(list_contents(file, file.read_bytes())):
-        if place == int(number):
-            file.write_bytes(content)
-            return find_fault(read) or None
-    return f"there is no file {number}"
+    file.write_bytes(_list_files(name)[int(number)])
+    return find_fault(read) or None

@@ -8,7 +8,9 @@ from lab.demo_tracer import make_demo_scene
 from lab.mistakes import MISTAKES, NAMED, SAID, judge
 
 # Not to be told apart from other mistakes: said to be wrong without a name.
-NOT_NAMED = {"clock half a frame late"}
+NOT_NAMED = {
+    "clock half a frame late", "rotation vectors in degrees", "photographs of another scene",
+}  # fmt: skip
 # Need more, or larger, images than these.
 ELSEWHERE = {
     "photographs undistorted, lens not", "distortion left out", "principal point half a pixel off",

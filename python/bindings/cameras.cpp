@@ -9,8 +9,10 @@
 
 #include <algorithm>
 #include <array>
+#include <numeric>
 #include <optional>
 #include <string>
+#include <variant>
 #include <vector>
 
 #include "bindings/arrays.h"
@@ -61,25 +63,46 @@ py::tuple Unproject(const Camera& camera, const py::object& pixels_object) {
   return py::make_tuple(rays, valid);
 }
 
-// (dpixel_dpoint (N, 2, 3), dpixel_dparams (N, 2, K)), NaN where a point has no image. The pixels,
-// which come with them, are not returned: `project` has them. Without with_params the second array
-// has no rows, which takes a fraction of the time.
+// Derivatives by all parameters or none, or the indices of some.
+using ChosenParams = std::variant<bool, std::vector<int>>;
+
+std::vector<int> ListParams(const Camera& camera, const ChosenParams& with_params) {
+  if (const auto* indices = std::get_if<std::vector<int>>(&with_params)) {
+    for (const int index : *indices) {
+      if (index >= 0 && index < camera.num_params()) continue;
+      throw InputError("with_params names parameter " + std::to_string(index) + " of " +
+                       std::to_string(camera.num_params()));
+    }
+    return *indices;
+  }
+  std::vector<int> all(camera.num_params());
+  std::iota(all.begin(), all.end(), 0);
+  return all;
+}
+
+// (dpixel_dpoint (N, 2, 3), dpixel_dparams (N, 2, F)), NaN where a point has no image. The pixels,
+// which come with them, are not returned: `project` has them. with_params: a bool, all parameters
+// or none, which takes a fraction of the time; or the indices of F of them.
 py::tuple ProjectJacobian(const Camera& camera, const py::object& points_in_camera,
-                          bool with_params) {
+                          const ChosenParams& with_params) {
   const auto points = ReadArray<double>(points_in_camera, "points_in_camera", {kAny, 3});
+  const std::vector<int> chosen = ListParams(camera, with_params);
+  const bool* all = std::get_if<bool>(&with_params);
+  const bool none = all != nullptr && !*all;
   const py::ssize_t count = points.shape(0);
   auto pixels = NewArray<double>({count, 2});
   auto valid = NewArray<bool>({count});
   auto dpixel_dpoint = NewArray<double>({count, 2, 3});
-  auto dpixel_dparams = NewArray<double>({with_params ? count : 0, 2, camera.num_params()});
+  auto dpixel_dparams =
+      NewArray<double>({none ? 0 : count, 2, static_cast<py::ssize_t>(chosen.size())});
   const double* in = points.data();
   double* out = pixels.mutable_data();
   std::uint8_t* mask = MaskData(valid);
   double* of_point = dpixel_dpoint.mutable_data();
-  double* of_params = with_params ? dpixel_dparams.mutable_data() : nullptr;
+  double* of_params = none ? nullptr : dpixel_dparams.mutable_data();
   {
     const LongCall released;
-    camera.ProjectJacobian(count, in, out, mask, of_point, of_params);
+    camera.ProjectJacobian(count, in, out, mask, of_point, of_params, chosen);
   }
   return py::make_tuple(dpixel_dpoint, dpixel_dparams);
 }

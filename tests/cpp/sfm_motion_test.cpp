@@ -221,7 +221,7 @@ TEST(ObservationResidual, DerivativesOnARigAgreeWithCentralDifferences) {
   BundleState state(bundle);
   int mounted = 0, compared = 0;
   for (const bool through_lens : {false, true}) {
-    LensEvaluation evaluation(bundle, state, false);
+    LensEvaluation evaluation(bundle, state, {});
     for (int i = 0; i < static_cast<int>(bundle.observations.size()); i += 37) {
       const auto evaluated = [&] {
         ObservationResidual out;

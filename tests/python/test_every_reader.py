@@ -14,6 +14,7 @@ from gsut.files import Array, list_readers, open_archive, read_npy, read_npz, un
 from reader_examples import EXAMPLES, WITHOUT, import_all
 from wrong_files import HUGE, find_fault, list_contents, pack
 
+MOST_FILES = 60  # wrong files of a reader, about
 POISON = "/dev/zero"  # a device that never ends
 
 
@@ -29,13 +30,12 @@ def test_every_reader_has_an_example():
 def test_wrong_file_of_any_kind_is_read_or_refused_in_a_sentence(name, tmp_path):
     file, read = EXAMPLES[name](tmp_path)
     read()
-    faults, count = [], 0
-    for content in list_contents(file, file.read_bytes()):
+    contents, faults = list(list_contents(file, file.read_bytes())), []
+    assert len(contents) >= 10
+    for content in contents[:: max(1, len(contents) // MOST_FILES)]:  # lab/run attack takes all
         file.write_bytes(content)
-        count += 1
         if fault := find_fault(read):
             faults.append(f"{content[:200]!r}: {fault}")
-    assert count >= 10
     assert faults == []
 
 

@@ -65,6 +65,12 @@ class Camera {
   void ProjectJacobian(std::int64_t count, const double* points, double* pixels,
                        std::uint8_t* valid, double* dpixel_dpoint, double* dpixel_dparams) const;
 
+  // The same to the chosen parameters only, which takes time by their number: dpixel_dparams
+  // (count, 2, chosen.size()) in their order. chosen: different indices of parameters.
+  void ProjectJacobian(std::int64_t count, const double* points, double* pixels,
+                       std::uint8_t* valid, double* dpixel_dpoint, double* dpixel_dparams,
+                       std::span<const int> chosen) const;
+
   // The same lens on an image resized to this size: intrinsics scaled about the pixel corner (0,
   // 0).
   Camera Resized(int width, int height) const;

@@ -2,6 +2,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <numeric>
 #include <vector>
 
 #include "gsut/base/parallel.h"
@@ -16,6 +17,7 @@ constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 constexpr std::int64_t kGrain = 512;
 // Directions differentiated in one pass.
 constexpr int kDirections = 8;
+constexpr int kPointSize = 3;  // coordinates of a point
 
 // A divisor that brings points of extreme length to where squares neither overflow nor vanish.
 double SafeScale(const double* point) {
@@ -45,23 +47,34 @@ bool ProjectPoint(const Camera& camera, const double* point, double* pixel) {
   return valid;
 }
 
-// Forward mode: a Dual carries kDirections derivatives along, and more parameters take more passes.
-// Value, and the derivatives along the directions [first, first + kDirections) of (point, params).
-template <class Lens>
-bool ProjectDirections(const Camera& camera, const double* point, int first,
-                       std::vector<Dual<kDirections>>* params, Dual<kDirections>* u,
-                       Dual<kDirections>* v) {
-  using T = Dual<kDirections>;
-  // A variable is its value and a one in its own direction.
-  const auto seed = [first](double value, int direction) {
-    const bool here = direction >= first && direction < first + kDirections;
+// Forward mode: a Dual carries kDirections derivatives along, and more unknowns take more passes.
+// A pass differentiates along [first, first + kDirections) of the point's three coordinates and the
+// chosen parameters.
+struct Pass {
+  int first, end;
+
+  // A variable is its value and, if the pass has its direction, a one there.
+  Dual<kDirections> Seed(double value, int direction) const {
+    using T = Dual<kDirections>;
+    const bool here = direction >= first && direction < end;
     return here ? T(value, direction - first) : T(value);
-  };
-  const int num_params = camera.num_params();
-  for (int i = 0; i < num_params; ++i) (*params)[i] = seed(camera.params()[i], 3 + i);
-  const double s = SafeScaleFor<Lens>(point);
-  const T x = seed(point[0] / s, 0), y = seed(point[1] / s, 1), z = seed(point[2] / s, 2);
-  return Lens::Project(camera.domain(), params->data(), num_params, x, y, z, u, v);
+  }
+};
+
+// The parameters as Project takes them in a pass. Only a lens with a table takes plain numbers,
+// which spares a pass by the point alone thousands of Duals.
+template <class Lens, class Compute>
+void WithParams(const std::vector<double>& params, std::span<const int> chosen, const Pass& pass,
+                std::vector<Dual<kDirections>>* buffer, const Compute& compute) {
+  if constexpr (requires { Lens::kHasTable; }) {
+    if (pass.end <= kPointSize) return compute(params.data());
+  }
+  buffer->clear();
+  for (const double param : params) buffer->emplace_back(param);
+  for (std::size_t k = 0; k < chosen.size(); ++k) {
+    (*buffer)[chosen[k]] = pass.Seed(params[chosen[k]], kPointSize + static_cast<int>(k));
+  }
+  compute(buffer->data());
 }
 
 }  // namespace
@@ -116,40 +129,55 @@ void Camera::UnprojectLines(std::int64_t count, const double* pixels, double* or
 }
 
 void Camera::ProjectJacobian(std::int64_t count, const double* points, double* pixels,
-                             std::uint8_t* valid, double* dpixel_dpoint,
-                             double* dpixel_dparams) const {
+                             std::uint8_t* valid, double* dpixel_dpoint, double* dpixel_dparams,
+                             std::span<const int> chosen) const {
   // Pixels come from the plain projection, so that asking for derivatives does not change a bit.
   Project(count, points, pixels, valid);
-  const int k = num_params();
+  const int k = static_cast<int>(chosen.size());
+  const int directions = kPointSize + (dpixel_dparams == nullptr ? 0 : k);
   const auto loop = [&](auto model, std::int64_t begin, std::int64_t end) {
+    using Lens = decltype(model);
     using T = Dual<kDirections>;
-    // One vector a chunk, not a point: parameters may be thousands.
-    std::vector<T> dual_params(k);
-    for (std::int64_t i = begin; i < end; ++i) {
-      const double* point = points + 3 * i;
-      const double scale = SafeScaleFor<decltype(model)>(point);
-      const int directions = dpixel_dparams == nullptr ? 3 : 3 + k;
-      for (int first = 0; first < directions; first += kDirections) {
-        T u, v;
-        ProjectDirections<decltype(model)>(*this, point, first, &dual_params, &u, &v);
-        for (int d = first; d < std::min(directions, first + kDirections); ++d) {
-          // d/dpoint = d/d(point / s) / s.
-          const double factor = valid[i] ? (d < 3 ? 1.0 / scale : 1.0) : kNaN;
-          const bool of_point = d < 3;
-          double* row = of_point ? dpixel_dpoint : dpixel_dparams;
-          if (row == nullptr) continue;
-          const int width = of_point ? 3 : k;
-          const int column = of_point ? d : d - 3;
-          row[(2 * i) * width + column] = factor * u.grad[d - first];
-          row[(2 * i + 1) * width + column] = factor * v.grad[d - first];
+    // Parameters, which may be thousands, are seeded once a pass over the chunk, not once a point.
+    std::vector<T> buffer;
+    for (int first = 0; first < directions; first += kDirections) {
+      const Pass pass{first, std::min(directions, first + kDirections)};
+      WithParams<Lens>(params(), chosen, pass, &buffer, [&](const auto* dual_params) {
+        for (std::int64_t i = begin; i < end; ++i) {
+          const double* point = points + kPointSize * i;
+          const double scale = SafeScaleFor<Lens>(point);
+          const T x = pass.Seed(point[0] / scale, 0);
+          const T y = pass.Seed(point[1] / scale, 1);
+          const T z = pass.Seed(point[2] / scale, 2);
+          T u, v;
+          Lens::Project(domain(), dual_params, num_params(), x, y, z, &u, &v);
+          for (int d = pass.first; d < pass.end; ++d) {
+            // d/dpoint = d/d(point / s) / s.
+            const bool of_point = d < kPointSize;
+            const double factor = valid[i] ? (of_point ? 1.0 / scale : 1.0) : kNaN;
+            double* row = of_point ? dpixel_dpoint : dpixel_dparams;
+            if (row == nullptr) continue;
+            const int width = of_point ? kPointSize : k;
+            const int column = of_point ? d : d - kPointSize;
+            row[(2 * i) * width + column] = factor * u.grad[d - first];
+            row[(2 * i + 1) * width + column] = factor * v.grad[d - first];
+          }
         }
-      }
+      });
     }
   };
   VisitLens(lens(), [&](auto model) {
     ParallelFor(count, kGrain,
                 [&](std::int64_t begin, std::int64_t end) { loop(model, begin, end); });
   });
+}
+
+void Camera::ProjectJacobian(std::int64_t count, const double* points, double* pixels,
+                             std::uint8_t* valid, double* dpixel_dpoint,
+                             double* dpixel_dparams) const {
+  std::vector<int> all(num_params());
+  std::iota(all.begin(), all.end(), 0);
+  ProjectJacobian(count, points, pixels, valid, dpixel_dpoint, dpixel_dparams, all);
 }
 
 }  // namespace gsut

@@ -22,13 +22,29 @@ inline double Select(bool mask, double a, double b) { return mask ? a : b; }
 inline bool AndMask(bool a, bool b) { return a && b; }
 inline bool OrMask(bool a, bool b) { return a || b; }
 
+// A whole number that stands in a T.
+template <class T>
+int WholeOf(const T& number) {
+  if constexpr (requires { number.value; }) {
+    return static_cast<int>(number.value);
+  } else {
+    return static_cast<int>(number);
+  }
+}
+
 // The entry of a table at a whole number; its derivatives are those of the entry.
 template <class T, class P>
 T At(const P* table, const T& index) {
-  if constexpr (requires { index.value; }) {
-    return T(table[static_cast<int>(index.value)]);
+  return T(table[WholeOf(index)]);
+}
+
+// An entry of a table as a T: without its derivatives if T has none.
+template <class T, class P>
+T EntryAs(const P& entry) {
+  if constexpr (requires { T(entry); }) {
+    return T(entry);
   } else {
-    return T(table[static_cast<int>(index)]);
+    return T(entry.value);
   }
 }
 
@@ -36,11 +52,11 @@ T At(const P* table, const T& index) {
 template <class T, class P>
 void SumRows(const P* table, const T& first, int stride, int rows, int columns, const T* weight,
              T* sums) {
+  const P* begin = table + WholeOf(first);
   for (int k = 0; k < columns; ++k) {
     sums[k] = T(0.0);
-    for (int j = 0; j < rows; ++j) {
-      sums[k] = sums[k] + weight[j] * At<T>(table, first + T(1.0 * (j * stride + k)));
-    }
+    for (int j = 0; j < rows; ++j)
+      sums[k] = sums[k] + weight[j] * EntryAs<T>(begin[j * stride + k]);
   }
 }
 

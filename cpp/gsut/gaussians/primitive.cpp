@@ -14,15 +14,12 @@ namespace gsut {
 namespace {
 
 constexpr const char* kNames[] = {"gaussian", "triangle"};
-// Of 1 - g / r and of g: less says nothing, and the derivative of g^2 / 2 to (x, y) is 0 at the
-// centre.
-constexpr double kLeastRest = 1e-30;
+// Of g: the derivative of g^2 / 2 to (x, y) is 0 at the centre.
 constexpr double kLeastGauge = 1e-17;
 
-// 1 - g / r at g^2.
-double RestOf(double gauge2) {
-  return std::max(1.0 - std::sqrt(gauge2) / triangle::kRadius, kLeastRest);
-}
+// 1 - g / r at g^2. 0 beyond the outline, however little an alpha is drawn: a response kept above 0
+// there would have the slope of the inside everywhere in the plane.
+double RestOf(double gauge2) { return std::max(1.0 - std::sqrt(gauge2) / triangle::kRadius, 0.0); }
 
 }  // namespace
 
@@ -61,7 +58,9 @@ double Profile::Response(double d2) const {
 
 double Profile::Slope(double d2) const {
   if (IsGaussian()) return 1.0;
-  return 1.0 / (triangle::kRadius * std::max(std::sqrt(d2), kLeastGauge) * RestOf(d2));
+  const double rest = RestOf(d2);
+  if (rest == 0.0) return 0.0;
+  return 1.0 / (triangle::kRadius * std::max(std::sqrt(d2), kLeastGauge) * rest);
 }
 
 double Profile::Cutoff(double gaussian_cutoff) const {

@@ -51,7 +51,7 @@ struct Profile {
   bool IsGaussian() const { return primitive == Primitive::kGaussian; }
   // Of a triangle, in place of D; slopes[2]: its derivatives.
   double Gauge(double x, double y, double* slopes) const;
-  // f and d ln f / d(-D^2 / 2) at D^2.
+  // f and d ln f / d(-D^2 / 2) at D^2; beyond a triangle's outline both are 0.
   double Response(double d2) const;
   double Slope(double d2) const;
   // D^2 at which f equals exp(-gaussian_cutoff / 2), a Gaussian's at its cut-off.

@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <cstddef>
 #include <cstdint>
+#include <numeric>
 
 #include "gsut/base/parallel.h"
 #include "gsut/cameras/ray_jacobian.h"
@@ -19,6 +20,8 @@ std::vector<double> ChainToLens(const ViewRays& view, const Camera& camera,
   using Eigen::Vector3d;
   const RayTable& table = camera.Rays();
   const std::size_t num_params = static_cast<std::size_t>(camera.num_params());
+  std::vector<int> all(num_params);
+  std::iota(all.begin(), all.end(), 0);
   const std::size_t width = static_cast<std::size_t>(view.width);
   const bool has_origins = !table.origins.empty();
   std::vector<std::vector<double>> rows(static_cast<std::size_t>(view.height));
@@ -53,7 +56,7 @@ std::vector<double> ChainToLens(const ViewRays& view, const Camera& camera,
     std::vector<double> dorigins(has_origins ? drays.size() : 0);
     std::vector<std::uint8_t> valid(count);
     RayJacobian(camera, static_cast<std::int64_t>(count), rays.data(),
-                has_origins ? origins.data() : nullptr, drays.data(),
+                has_origins ? origins.data() : nullptr, all, drays.data(),
                 has_origins ? dorigins.data() : nullptr, valid.data());
     for (std::size_t i = 0; i < 3 * count; ++i) {
       for (std::size_t k = 0; k < num_params; ++k) {

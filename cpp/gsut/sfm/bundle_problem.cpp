@@ -35,7 +35,7 @@ BundleProblem::BundleProblem(const Bundle& bundle, const BundleOptions& options)
       used_lens_(state_.lenses.size()),
       used_mount_(state_.mounts.size()) {
   if (options.through_lens) {
-    evaluation_ = std::make_unique<LensEvaluation>(bundle, state_, !options.lens_free.empty());
+    evaluation_ = std::make_unique<LensEvaluation>(bundle, state_, options.lens_free);
   }
   for (const BundleObservation& observation : bundle.observations) {
     used_body_[BodyOf(observation.image)] = 1;
@@ -73,9 +73,11 @@ void BundleProblem::MakeBlocks() {
   }
   lens_block_.assign(state_.lenses.size(), -1);
   lens_columns_.resize(state_.lenses.size());
+  free_columns_.resize(state_.lenses.size());
   lens_params_.resize(state_.lenses.size());
   for (std::size_t c = 0; c < options_.lens_free.size(); ++c) {
     lens_columns_[c] = FreeLensColumns(options_.lens_free[c]);
+    free_columns_[c] = lens_columns_[c](FreeLensParams(options_.lens_free[c]), Eigen::all);
     if (used_lens_[c] && lens_columns_[c].cols() > 0) {
       lens_block_[c] = add(static_cast<int>(lens_columns_[c].cols()));
     }
@@ -260,7 +262,7 @@ double BundleProblem::Linearize(int i) {
   }
   const int camera = bundle_.camera_of_image[observation.image];
   if (lens_block_[camera] >= 0) {
-    const auto& columns = lens_columns_[camera];
+    const auto& columns = free_columns_[camera];
     const int size = static_cast<int>(columns.cols());
     Eigen::Map<RowMajor2X> by_lens(out, 2, size);
     by_lens.setZero();

@@ -63,8 +63,9 @@ class BundleProblem {
   std::vector<std::uint8_t> used_body_, fixed_body_, used_lens_, used_mount_;
   // The system's blocks: of a body its pose and, if it moves, velocity; -1: stays as it is.
   std::vector<int> sizes_, body_block_, mount_block_, lens_block_;
-  int num_bodies_ = 0;  // among the blocks
-  std::vector<Eigen::MatrixXd> lens_columns_;
+  int num_bodies_ = 0;                         // among the blocks
+  std::vector<Eigen::MatrixXd> lens_columns_;  // of all parameters, and of the free ones only
+  std::vector<Eigen::MatrixXd> free_columns_;
   std::vector<std::vector<int>> lens_params_;  // of each column the first parameter it moves
   std::unique_ptr<ReducedSystem> system_;
 };

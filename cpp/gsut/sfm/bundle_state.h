@@ -36,8 +36,8 @@ struct BundleState {
 struct ObservationResidual {
   Eigen::Vector2d residual;
   ChainDerivatives by;
-  const double* by_params =
-      nullptr;  // (2, K) row-major, by a free lens; null: does not depend on it
+  const double* by_params = nullptr;  // (2, F) row-major, by the free parameters of its lens; null:
+                                      // does not depend on them
 };
 
 // Through the lens, or without one (lenses null) the residual of Bearing, which also stands in

@@ -5,6 +5,7 @@
 
 #include "gsut/base/errors.h"
 #include "gsut/base/parallel.h"
+#include "gsut/sfm/lens_parameters.h"
 
 namespace gsut {
 namespace {
@@ -13,10 +14,10 @@ constexpr std::int64_t kGrain = 256;  // observations a chunk of parallel work
 
 }  // namespace
 
-LensEvaluation::LensEvaluation(const Bundle& bundle, const BundleState& state, bool lenses_free)
+LensEvaluation::LensEvaluation(const Bundle& bundle, const BundleState& state,
+                               const std::vector<std::vector<std::uint8_t>>& lens_free)
     : bundle_(bundle),
       state_(state),
-      lenses_free_(lenses_free),
       batches_(bundle.cameras.size()),
       place_(bundle.observations.size()) {
   // Observations are sorted by camera once: Camera works on batches, with one dispatch each.
@@ -32,7 +33,8 @@ LensEvaluation::LensEvaluation(const Bundle& bundle, const BundleState& state, b
     batch.pixels.resize(2 * count);
     batch.valid.resize(count);
     batch.by_point.resize(6 * count);
-    if (lenses_free_) batch.by_params.resize(2 * count * bundle.cameras[c].num_params());
+    if (!lens_free.empty()) batch.free = FreeLensParams(lens_free[c]);
+    batch.by_params.resize(2 * count * batch.free.size());
   }
 }
 
@@ -56,15 +58,16 @@ void LensEvaluation::EvaluateBatch(int camera_index, bool jacobians) {
   // have shrunk it, or made the parameters no lens at all.
   const Camera& start = bundle_.cameras[camera_index];
   try {
-    const Camera camera = lenses_free_
-                              ? Camera(start.model(), state_.lenses[camera_index], start.width(),
-                                       start.height(), start.valid_field_angle())
-                              : start;
+    const bool held = batch.free.empty();
+    const Camera camera = held ? start
+                               : Camera(start.model(), state_.lenses[camera_index], start.width(),
+                                        start.height(), start.valid_field_angle());
     batch.failed = false;
     if (jacobians) {
+      // Of a lens with thousands of parameters only those that are free.
       camera.ProjectJacobian(count, batch.points.data(), batch.pixels.data(), batch.valid.data(),
-                             batch.by_point.data(),
-                             lenses_free_ ? batch.by_params.data() : nullptr);
+                             batch.by_point.data(), held ? nullptr : batch.by_params.data(),
+                             batch.free);
     } else {
       camera.Project(count, batch.points.data(), batch.pixels.data(), batch.valid.data());
     }
@@ -87,7 +90,7 @@ LensEvaluation::Row LensEvaluation::Get(int observation) const {
   const Batch& batch = batches_[camera];
   const int i = place_[observation];
   const double* by_params =
-      lenses_free_ ? &batch.by_params[2 * i * bundle_.cameras[camera].num_params()] : nullptr;
+      batch.free.empty() ? nullptr : &batch.by_params[2 * i * batch.free.size()];
   return {&batch.pixels[2 * i], &batch.by_point[6 * i], by_params, batch.valid[i] != 0,
           batch.failed};
 }

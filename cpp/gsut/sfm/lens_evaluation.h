@@ -14,8 +14,9 @@ namespace gsut {
 // observations as failed, which makes the solver take a shorter step.
 class LensEvaluation {
  public:
-  // Both are kept by reference: the state is the solver's.
-  LensEvaluation(const Bundle& bundle, const BundleState& state, bool lenses_free);
+  // Both are kept by reference: the state is the solver's. lens_free: see BundleOptions.
+  LensEvaluation(const Bundle& bundle, const BundleState& state,
+                 const std::vector<std::vector<std::uint8_t>>& lens_free);
 
   // At the current unknowns.
   void Evaluate(bool jacobians);
@@ -23,7 +24,7 @@ class LensEvaluation {
   struct Row {
     const double* pixel;  // (2), NaN outside the lens' domain; the copy nearest to that seen
     const double* dpixel_dpoint;   // (2, 3) row-major
-    const double* dpixel_dparams;  // (2, K) row-major, if lenses are free
+    const double* dpixel_dparams;  // (2, F) row-major, by its lens' free parameters; null: none
     bool valid;                    // inside the lens' domain
     bool lens_failed;
   };
@@ -34,6 +35,7 @@ class LensEvaluation {
  private:
   struct Batch {  // the observations through one camera
     std::vector<int> observations;
+    std::vector<int> free;  // parameters of its lens
     std::vector<double> points, pixels, by_point, by_params;
     std::vector<std::uint8_t> valid;
     bool failed = false;
@@ -42,7 +44,6 @@ class LensEvaluation {
 
   const Bundle& bundle_;
   const BundleState& state_;
-  bool lenses_free_;
   std::vector<Batch> batches_;
   std::vector<int> place_;  // of an observation within its batch
 };

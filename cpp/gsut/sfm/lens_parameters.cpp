@@ -90,6 +90,14 @@ Eigen::MatrixXd FreeLensColumns(const std::vector<std::uint8_t>& free) {
   return matrix;
 }
 
+std::vector<int> FreeLensParams(const std::vector<std::uint8_t>& free) {
+  std::vector<int> params;
+  for (std::size_t k = 0; k < free.size(); ++k) {
+    if (free[k]) params.push_back(static_cast<int>(k));
+  }
+  return params;
+}
+
 // Ceres' own subset manifold holds parameters but cannot tie several to one unknown.
 void HoldLensParameters(const std::vector<std::uint8_t>& free, double* lens,
                         ceres::Problem* problem,

@@ -26,6 +26,9 @@ void CheckLensFlags(const std::vector<Camera>& cameras,
 // is free by itself and each group of tied ones.
 Eigen::MatrixXd FreeLensColumns(const std::vector<std::uint8_t>& free);
 
+// Indices of the parameters that have a flag.
+std::vector<int> FreeLensParams(const std::vector<std::uint8_t>& free);
+
 // Holds the parameters of a lens that have no flag, and ties those of one flag. manifolds: keeps
 // what the problem points to.
 void HoldLensParameters(const std::vector<std::uint8_t>& free, double* lens,

@@ -7,6 +7,7 @@
 
 #include "gsut/base/errors.h"
 #include "gsut/cameras/ray_jacobian.h"
+#include "gsut/sfm/lens_parameters.h"
 
 namespace gsut {
 namespace {
@@ -17,19 +18,21 @@ using RowMatrix3d = Eigen::Matrix<double, 3, 3, Eigen::RowMajor>;
 using Matrix3X = Eigen::Matrix<double, 3, Eigen::Dynamic, Eigen::RowMajor>;
 
 // dcolour/dparams = dcolour/dray dray/dparams: a parameter of the lens moves the ray of a pixel.
-void CarryToLens(const Camera& camera, const std::vector<double>& rays, ImageState* state) {
+// Those that are held keep zeros. free: indices of the others.
+void CarryToLens(const Camera& camera, const std::vector<int>& free,
+                 const std::vector<double>& rays, ImageState* state) {
   const std::size_t count = rays.size() / 3;
-  const auto num_params = static_cast<std::size_t>(camera.num_params());
-  std::vector<double> by_params(3 * count * num_params);
+  const int num_params = camera.num_params();
+  std::vector<double> by_free(3 * count * free.size());
   std::vector<std::uint8_t> valid(count);
-  RayJacobian(camera, static_cast<std::int64_t>(count), rays.data(), nullptr, by_params.data(),
+  RayJacobian(camera, static_cast<std::int64_t>(count), rays.data(), nullptr, free, by_free.data(),
               nullptr, valid.data());
-  state->by_lens.resize(by_params.size());
+  state->by_lens.assign(3 * count * static_cast<std::size_t>(num_params), 0.0);
   for (std::size_t i = 0; i < count; ++i) {
-    const std::size_t first = 3 * i * num_params;
-    Map<Matrix3X>(&state->by_lens[first], 3, static_cast<int>(num_params)) =
-        Map<const RowMatrix3d>(&state->by_turn[9 * i]) *
-        Map<const Matrix3X>(&by_params[first], 3, static_cast<int>(num_params));
+    Map<Matrix3X> by_lens(&state->by_lens[3 * i * static_cast<std::size_t>(num_params)], 3,
+                          num_params);
+    const Map<const Matrix3X> own(&by_free[3 * i * free.size()], 3, static_cast<int>(free.size()));
+    by_lens(Eigen::all, free) = Map<const RowMatrix3d>(&state->by_turn[9 * i]) * own;
   }
 }
 
@@ -131,7 +134,10 @@ bool SceneEvaluation::Evaluate(const Camera& camera, const PhotometricImage& ima
   for (std::size_t i = 0; i < count; ++i) {
     std::copy_n(&table.rays[3 * std::size_t{image.pixels[i]}], 3, &rays[3 * i]);
   }
-  if (LensIsFree(image.camera)) CarryToLens(camera, rays, state);
+  if (LensIsFree(image.camera)) {
+    const auto& flags = options_.lens_free[static_cast<std::size_t>(image.camera)];
+    CarryToLens(camera, FreeLensParams(flags), rays, state);
+  }
   CarryToTurn(rays, state);
   return true;
 }

@@ -19,7 +19,7 @@ from gsut import _core
 from gsut._core import InputError
 from gsut.blocks.segment import BlockLoop, run_segment
 from gsut.blocks.task import BlockTask
-from gsut.files import FileError, parse_json, whole_file
+from gsut.files import FileError, parse_json
 from gsut.run import measure_peak_rss, read_checkpoint, release_memory, write_checkpoint
 
 # Times that a worker may end without a new state before the run ends: it would do so for ever.
@@ -56,8 +56,7 @@ class Job:
 
 def write_state(path: Path, state: dict[str, Any]) -> int:
     """Replaces the file atomically and returns its bytes."""
-    with whole_file(path) as temporary:
-        write_checkpoint(temporary, state)
+    write_checkpoint(path, state)
     return path.stat().st_size
 
 

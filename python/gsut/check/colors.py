@@ -1,32 +1,27 @@
 """Compares the colours of points with the pixels that they project to.
 
 Of all points that fall into one cell of an image only the nearest counts, since it may hide the
-others. Where colours disagree, other readings of the poses are tried, and the best is named.
+others.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
 from gsut._core import InputError
 from gsut.check.findings import Finding
-from gsut.check.readings import list_usual_readings
 from gsut.data import Scene, list_some
-from gsut.data.poses import invert_pose
 from gsut.run import Progress
 
 EXPECTED_R = 0.5  # correlation; good real data reach 0.7 to 0.95
 _LEAST_VIEW_R = 0.25  # correlation below which a single view is suspect if the others are good
-_READING_GAIN = 0.2  # correlation gained by another reading of the poses that is worth naming
-_LENS_GAIN = 0.03  # correlation gained by another lens, or order of colours, worth a warning
+_ORDER_GAIN = 0.03  # correlation gained by another order of colours that is worth a warning
 _CELLS = 48  # cells along the image's longer side: fine enough that few points are thinned out
 _VIEWS_TESTED = 16  # views: enough for a stable median
 _FEWEST_POINTS = 30  # in a view; the correlation of fewer means little
-_FOCAL_FACTORS = (0.75, 0.85, 0.93, 1.07, 1.18, 1.33)  # wrong focal lengths found in practice
-_CENTER_SHIFT = 0.03  # of the image's longer side: how far the principal point is moved on trial
 
 
 def check_colors(
@@ -54,20 +49,15 @@ def check_colors(
         if swapped:
             yield swapped[0]
             return
-        better = _name_better_reading(scene, chosen, agreed)
-        if agreed is None and better is None:  # the cameras may look elsewhere
+        if agreed is None:  # the cameras may look elsewhere
             what = "too few points fall into the images to compare colours"
             yield Finding("info", where, what)
             return
-        found = (
-            "too few points fall into the images to compare colours"
-            if agreed is None
-            else f"colours of the points agree with the pixels only at r = {agreed:.2f}; expected >"
-            f" {EXPECTED_R}"
-        )
-        what = f"poses or lens may use another convention: {found}"
-        none = "no other reading of the poses agrees better: check the lens and its distortion"
-        yield Finding("warning", where, what, better or none)
+        found = f"colours of the points agree with the pixels only at r = {agreed:.2f}; expected >"
+        yield Finding(
+            "warning", where, f"{found} {EXPECTED_R}",
+            "poses, lens or points may use another convention: check them",
+        )  # fmt: skip
         return
     yield Finding("info", where, f"colours of the points agree with the pixels at r = {agreed:.2f}")
     bad = [f"{scene.views[i].name} ({r:.2f})" for i, r in per_view.items() if r < _LEAST_VIEW_R]
@@ -75,14 +65,13 @@ def check_colors(
         what = f"{len(bad)} views disagree with the points' colours: {list_some(bad)}"
         yield Finding("warning", where, what, "their poses may be wrong")
     yield from _check_channels(scene, chosen, agreed)
-    yield from _check_lens(scene, chosen, agreed)
 
 
 def _check_channels(scene: Scene, views: list[int], agreed: float) -> Iterator[Finding]:
     """Checks whether the colours agree better with red and blue swapped (OpenCV's BGR)."""
     swapped = scene.replace(points=scene.points, point_colors=scene.point_colors[:, ::-1])
     value = _take_median(correlate_colors(swapped, index) for index in views)
-    if value is not None and value > agreed + _LENS_GAIN:
+    if value is not None and value > agreed + _ORDER_GAIN:
         yield Finding(
             "warning",
             str(scene.path),
@@ -93,61 +82,18 @@ def _check_channels(scene: Scene, views: list[int], agreed: float) -> Iterator[F
         )
 
 
-def _check_lens(scene: Scene, views: list[int], agreed: float) -> Iterator[Finding]:
-    """Tries other focal lengths and principal points, and names the one that agrees best."""
-    trials = {f"focal lengths times {scale:g}": (scale, np.zeros(2)) for scale in _FOCAL_FACTORS}
-    for name, shift in (("cx", np.array([1.0, 0.0])), ("cy", np.array([0.0, 1.0]))):
-        for part in (-_CENTER_SHIFT, _CENTER_SHIFT):
-            trials[f"{name} moved by {part:+.1%} of the image's longer side"] = (1, part * shift)
-    better = {}
-    seen = [each for each in (_see_points(scene, index) for index in views) if each is not None]
-    for name, (scale, shift) in trials.items():
-        value = _take_median(each.correlate(scale, shift) for each in seen)
-        if value is not None and value > agreed + _LENS_GAIN:
-            better[value] = name
-    if better:
-        best = max(better)
-        yield Finding(
-            "warning",
-            str(scene.path),
-            f"colours of the points agree better with another lens: r = {best:.2f} with"
-            f" {better[best]} against {agreed:.2f}",
-            "check lens model, focal length and principal point, and that images are not cropped",
-        )
-
-
 def _take_median(values: Iterable[float | None]) -> float | None:
     known = [value for value in values if value is not None]
     return float(np.median(known)) if known else None
 
 
-def _name_better_reading(scene: Scene, views: Sequence[int], agreed: float | None) -> str | None:
-    """Names the reading of the poses with which colours agree best; None if none is far better."""
-    scene = scene.move_origin((0.0, 0.0, 0.0))
-    table = np.array([invert_pose(view.camera_from_world) for view in scene.views])[:, None]
-    best, best_r = "", max((agreed or 0) + _READING_GAIN, EXPECTED_R)
-    for reading in list_usual_readings(scene, table):
-        poses = {index: invert_pose(reading.poses[index, 0]) for index in views}
-        value = _take_median(correlate_colors(scene, index, poses[index]) for index in views)
-        if value is not None and value > best_r:
-            best, best_r = reading.name, value
-    return f"they agree at r = {best_r:.2f} if the poses are {best}" if best else None
-
-
-def correlate_colors(
-    scene: Scene, index: int, camera_from_world: np.ndarray | None = None
-) -> float | None:
+def correlate_colors(scene: Scene, index: int) -> float | None:
     """Correlates the colours of points and pixels in one view.
-
-    Args:
-        scene: with points.
-        index: of the view.
-        camera_from_world: (4, 4) the pose; None: the view's own.
 
     Returns:
         The correlation, or None with too few points or an unreadable photograph.
     """
-    seen = _see_points(scene, index, camera_from_world)
+    seen = _see_points(scene, index)
     return None if seen is None else seen.correlate()
 
 
@@ -157,26 +103,20 @@ class _SeenPoints:
 
     Args:
         colors: (N, 3) of the points.
-        away: (N, 2) pixels from the optical axis, which lies at `axis` (2,).
+        pixels: (N, 2) where they are seen.
         image, mask: of the view.
     """
 
     colors: np.ndarray
-    away: np.ndarray
-    axis: np.ndarray
+    pixels: np.ndarray
     image: np.ndarray
     mask: np.ndarray
 
-    def correlate(self, scale: float = 1.0, shift: np.ndarray | float = 0.0) -> float | None:
-        """Correlates colours of points and pixels; None with too few points.
-
-        Args:
-            scale: factor on the pixels' distance from the optical axis.
-            shift: (2,) moves the pixels by this share of the image's longer side.
-        """
+    def correlate(self) -> float | None:
+        """Correlates colours of points and pixels; None with too few points."""
         height, width = self.mask.shape
         longer = max(width, height)
-        x, y = np.floor(self.axis + scale * self.away + np.multiply(shift, longer)).T.astype(int)
+        x, y = np.floor(self.pixels).T.astype(int)
         rows = np.flatnonzero((x >= 0) & (y >= 0) & (x < width) & (y < height))
         rows = rows[self.mask[y[rows], x[rows]]]
         cell = (y[rows] * _CELLS // longer) * (_CELLS + 1) + x[rows] * _CELLS // longer
@@ -192,19 +132,16 @@ class _SeenPoints:
         return float(np.corrcoef(points, seen)[0, 1])
 
 
-def _see_points(
-    scene: Scene, index: int, camera_from_world: np.ndarray | None = None
-) -> _SeenPoints | None:
+def _see_points(scene: Scene, index: int) -> _SeenPoints | None:
     """Projects the points into a view; None if its photograph cannot be read."""
     camera = scene.camera(index)
     try:
         image, mask = scene.image(index), scene.mask(index)
     except InputError:
         return None
-    pose = scene.views[index].camera_from_world if camera_from_world is None else camera_from_world
+    pose = scene.views[index].camera_from_world
     relative = scene.points @ pose[:3, :3].T + pose[:3, 3]
     pixels, valid = camera.project(relative)
-    axis = camera.project(np.array([[0.0, 0.0, 1.0]]))[0][0]
     rows = np.flatnonzero(np.asarray(valid, bool))
     rows = rows[np.argsort(np.linalg.norm(relative[rows], axis=1), kind="stable")]
-    return _SeenPoints(scene.point_colors[rows], pixels[rows] - axis, axis, image, mask)
+    return _SeenPoints(scene.point_colors[rows], pixels[rows], image, mask)

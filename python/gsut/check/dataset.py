@@ -8,14 +8,13 @@ from pathlib import Path
 from gsut._core import InputError
 from gsut.check.colors import check_colors
 from gsut.check.evidence import gather_evidence
-from gsut.check.far_poses import check_far_pose
 from gsut.check.findings import Finding, finding_from_error, has_errors, sort_findings
 from gsut.check.geometry import check_lenses, check_points, check_poses
 from gsut.check.images import check_bits, check_images
 from gsut.check.masks import check_masks
-from gsut.check.matches import ImagePair, match_neighbours
+from gsut.check.matches import ImagePair
 from gsut.check.memory import check_memory
-from gsut.check.photographs import check_closely, check_photographs
+from gsut.check.photographs import check_photographs, name_far_views
 from gsut.check.points import check_points_frame
 from gsut.data import Scene, assemble, load_dataset, read_dataset
 from gsut.data.scene import TEST_EVERY, find_bad_maps
@@ -49,7 +48,7 @@ def check_against_photographs(
         matches: from `match_neighbours`, if already computed.
     """
     evidence = gather_evidence(scene.move_origin((0.0, 0.0, 0.0)), matches)
-    findings = [*check_far_pose(scene, evidence), *check_photographs(scene, evidence)]
+    findings = check_photographs(scene, evidence)
     if has_errors(findings):
         return findings  # whatever else is wrong follows from it
     points = check_points_frame(scene, evidence)
@@ -92,7 +91,7 @@ def _diagnose_files(
     except InputError as error:
         collect_error(error)
         return sort_findings(findings)
-    far = check_far_pose(scene, None) if with_far_pose else []
+    far = name_far_views(scene) if with_far_pose else []
     return sort_findings([*findings, *far, *_diagnose_scene(scene, progress)])
 
 
@@ -145,19 +144,4 @@ def doctor(
     except InputError:
         return findings  # which say why
     findings += check_memory(scene)
-    found = check_against_photographs(scene)
-    if not has_errors(found):
-        found += look_closer(scene)
-    return sort_findings([*findings, *found])
-
-
-def look_closer(scene: Scene, matches: list[ImagePair] | None = None) -> list[Finding]:
-    """Looks for half a pixel and for a drift of scale, in several times `check_scene`'s time.
-
-    Args:
-        scene: in the dataset's coordinates, in which the quick checks found nothing wrong.
-        matches: from `match_neighbours(scene, closely=True)`, if already computed.
-    """
-    matches = match_neighbours(scene, closely=True) if matches is None else matches
-    evidence = gather_evidence(scene.move_origin((0.0, 0.0, 0.0)), matches)
-    return [] if evidence is None else check_closely(evidence)
+    return sort_findings([*findings, *check_against_photographs(scene)])

@@ -1,4 +1,4 @@
-"""Gathers what the photographs show: matches of neighbours, beside the given poses and lenses."""
+"""Gathers what photographs show, and rates poses and lenses by it."""
 
 from __future__ import annotations
 
@@ -8,134 +8,198 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gsut import _core
-from gsut.check.epipolar import (
-    TOLERANCE,
-    Matches,
-    PoseTable,
-    find_rays,
-    gather_matches,
-    make_pose_table,
-    rate_pairs,
-)
 from gsut.check.findings import Finding
-from gsut.check.matches import ImagePair, match_neighbours
+from gsut.check.matches import ImagePair, match_neighbours, order_in_time
 from gsut.data import Scene
+from gsut.data.poses import OPENGL_FROM_OPENCV
+from gsut.judge import (
+    Dataset,
+    Matches,
+    Structure,
+    compute_readout_poses,
+    find_readout_moments,
+    measure_angular_errors,
+    score_errors,
+)
 from gsut.lens import Camera
-from gsut.sfm.points import measure_angular_errors, measure_pixels_per_radian
 
 _FEWEST_PAIRS = 2  # pairs of photographs: one alone may be an exception
 _FEWEST_MATCHES = 60  # of all pairs: fewer say nothing about poses and lens
-_SEED = 0  # of the shuffles
-_SAMPLE = 800  # matches by which readings and lenses are first tried: enough to see gross errors
+_FEWEST_SHARED = 6  # features that three images share, from which their scales are compared
+_SAMPLE = 800  # matches, and shared features, by which hypotheses are tried: enough to choose
+_FITTING = 0.5  # share of right matches, before anything is known of it
+_NOISE = 1.5e-3  # of the diagonal: about a pixel of the small images that features are sought in
+_WRONG = 4.0  # times the noise: a match that is farther off is wrong, however wrong the others are
+_PARALLAX = 5.0  # times the tolerance: rays less apart give no distance worth comparing
+_STEP_PX = 0.01  # of differences between rays: small beside a pixel, large beside rounding
+_MOMENTS = 16  # of a readout, of views whose poses know of none
+_TINY = 1e-12  # keeps quotients finite
 
 
-@dataclasses.dataclass(frozen=True)
+@dataclasses.dataclass(frozen=True, eq=False)
 class Evidence:
-    """Matches of neighbouring photographs, and the given poses and lenses.
+    """Matches of neighbouring photographs, in groups: pairs of images, then triples.
 
     Args:
         scene: in the dataset's coordinates.
+        given: its poses and lenses.
         pairs: the photographs that were matched.
-        matches: of all pairs.
-        table: the given poses.
-        rays: (2, M, 3) of the matches through the given lenses.
+        images: views of each group: of all pairs, then of the triples.
+        pixels: (2, M, 2) of the matches.
+        pair: (M,) which pair each belongs to.
+        moments: (2, M) of a readout in moments.
+        shared: (3, T) features that three images share: their matches before and after the middle
+            image, and their group.
+        diagonal: of the images, pixels.
     """
 
     scene: Scene
+    given: Dataset
     pairs: list[ImagePair]
-    matches: Matches
-    table: PoseTable
-    rays: np.ndarray
+    images: list[tuple[int, ...]]
+    pixels: np.ndarray
+    pair: np.ndarray
+    moments: np.ndarray
+    shared: np.ndarray
+    diagonal: float
+
+    def __len__(self) -> int:
+        return len(self.pair)
 
     @functools.cached_property
-    def focal(self) -> float:
-        """Pixels a radian of the first lens."""
-        return measure_pixels_per_radian(self.scene.cameras[0])
+    def views(self) -> np.ndarray:
+        """The two views (2, M) of each match."""
+        return np.array([(p.first, p.second) for p in self.pairs], np.int64)[self.pair].T
 
     @functools.cached_property
     def sample(self) -> Evidence:
-        """A sample of each pair's matches, by which gross errors are found faster."""
-        step = -(-len(self.matches) // _SAMPLE)
-        return self if step < 2 else self.select(slice(None, None, step))
-
-    def select(self, rows: np.ndarray | slice) -> Evidence:
-        """Returns the evidence of some of the matches, of the same pairs."""
-        table = dataclasses.replace(self.table, rows=self.table.rows[:, rows])
+        """A sample of each pair's matches and each triple's features: errors are found faster."""
+        shared = self.shared[:, :: -(-self.shared.shape[1] // _SAMPLE) or 1]
+        every = np.arange(0, len(self), -(-len(self) // _SAMPLE))
+        rows = np.unique(np.concatenate([every, shared[0], shared[1]]))
         return dataclasses.replace(
-            self, matches=self.matches.select(rows), table=table, rays=self.rays[:, rows]
-        )
-
-    def replace_poses(self, poses: np.ndarray) -> Evidence:
-        """Returns the evidence beside other poses (V, B, 4, 4)."""
-        return dataclasses.replace(self, table=dataclasses.replace(self.table, poses=poses))
+            self, pixels=self.pixels[:, rows], pair=self.pair[rows], moments=self.moments[:, rows],
+            shared=np.concatenate([np.searchsorted(rows, shared[:2]), shared[2:]]),
+        )  # fmt: skip
 
     @functools.cached_property
-    def shuffled(self) -> Evidence:
-        """The second image's pixels permuted within each pair: what fits of these, fits by chance.
+    def noise(self) -> float:
+        """Returns the standard deviation of errors in pixels before anything is known of it."""
+        return _NOISE * self.diagonal
 
-        As evidence for poses or a lens that squeeze all rays together, or move them all along one
-        line: these fit anything.
+    @functools.cached_property
+    def _given_rays(self) -> tuple[np.ndarray, np.ndarray]:
+        return self._find_rays(self.given.cameras)
+
+    def _find_rays(self, cameras: tuple[Camera, ...]) -> tuple[np.ndarray, np.ndarray]:
+        """Returns unit rays (2, M, 3) of the matches through lenses, NaN where there is none.
+
+        And (2, M) the pixels that a radian covers there.
         """
-        m, t = self.matches, self.table
-        order = np.arange(len(m))
+        of_view = self.given.lens[self.views]
+        steps = np.array([[0.0, 0.0], [_STEP_PX, 0.0], [0.0, _STEP_PX]])[:, None, None]
+        pixels = self.pixels + steps
+        rays = np.full((*pixels.shape[:-1], 3), np.nan)
+        for number in np.unique(of_view):
+            rows = of_view == number
+            found, valid = cameras[number].unproject(pixels[:, rows].reshape(-1, 2))
+            found = np.where(np.asarray(valid)[:, None], found, np.nan)
+            rays[:, rows] = found.reshape(3, -1, 3)
+        x, y = (rays[1:] - rays[0]) / _STEP_PX
+        area = np.linalg.norm(np.cross(x, y), axis=-1)
+        return rays[0], 1 / np.sqrt(np.maximum(area, _TINY))
+
+    def measure_errors(self, data: Dataset) -> np.ndarray:
+        """Measures how far the matches, then shared features, are from what a dataset says.
+
+        Of a match the distance from the epipolar lines, or from in front of the cameras (Sampson's
+        distance; Hartley and Zisserman, "Multiple view geometry", 2003, equation 11.9), in pixels:
+        a longer lens makes angles smaller and fits no better for it. Of a shared feature also by
+        how far the distances disagree that the images before and after give.
+        """
+        is_given = data.cameras is self.given.cameras
+        rays, density = self._given_rays if is_given else self._find_rays(data.cameras)
+        moments = self.moments if data.poses.shape[1] > 1 else 0
+        poses = data.poses[self.views, moments]
+        with np.errstate(invalid="ignore"):
+            errors = measure_angular_errors(rays, poses) * np.sqrt(density[0] * density[1])
+        if not self.shared.size:
+            return errors
+        before, after, _ = self.shared
+        distance, sine = triangulate_distances(rays, poses)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            off = np.log(distance[0, after] / distance[1, before])
+            known = np.sqrt(sine[before] ** -2 + sine[after] ** -2)
+            scale = np.abs(off) * density[0, after] / known
+        both = np.maximum(errors[before], errors[after])
+        return np.concatenate([errors, np.fmax(scale, both) + 0 * both])
+
+    def score(self, data: Dataset) -> np.ndarray:
+        """Returns the score (G,) of each group of images: nats a match, 0 if none fits."""
+        group = np.concatenate([self.pair, self.shared[2]]) if self.shared.size else self.pair
+        scores = self._score_errors(self.measure_errors(data))
+        count = np.bincount(group, minlength=len(self.images))
+        return np.bincount(group, scores, len(self.images)) / np.maximum(count, 1)
+
+    def _score_errors(self, errors: np.ndarray) -> np.ndarray:
+        return score_errors(errors, self.noise, _FITTING, self.diagonal)
+
+    def shuffle(self, seed: int) -> Evidence:
+        """Exchanges the second image's pixels within each pair: what fits them fits by chance."""
+        order = np.arange(len(self))
         for number in range(len(self.pairs)):
-            rows = np.flatnonzero(m.pair == number)
-            order[rows] = np.random.default_rng([_SEED, number]).permutation(rows)
-
-        def shuffle(values: np.ndarray) -> np.ndarray:
-            return np.stack([values[0], values[1, order]])
-
-        return dataclasses.replace(
-            self,
-            matches=dataclasses.replace(m, pixels=shuffle(m.pixels)),
-            table=dataclasses.replace(t, rows=shuffle(t.rows)),
-            rays=shuffle(self.rays),
+            rows = np.flatnonzero(self.pair == number)
+            order[rows] = np.random.default_rng([seed, number]).permutation(rows)
+        pixels, moments = (
+            np.stack([each[0], each[1, order]]) for each in (self.pixels, self.moments)
         )
+        return dataclasses.replace(self, pixels=pixels, moments=moments)
+
+    def make_structure(self, data: Dataset, free: int = 0) -> Structure:
+        """Makes what `prefer` compares of a dataset, with its number of estimated numbers."""
+        errors = self.measure_errors(data)
+        with np.errstate(invalid="ignore"):
+            return Structure(np.where(errors < _WRONG * self.noise, errors, np.nan), free)
 
     @functools.cached_property
-    def free_turns(self) -> list[tuple[int, np.ndarray, float]]:
-        """The relative poses of the pairs through the given lenses, without the given poses.
+    def matches(self) -> Matches:
+        """The images of matches and shared features, for `prefer`."""
+        outer = [self.images[group][::2] for group in self.shared[2]]
+        images = np.concatenate([self.views.T, np.array(outer, np.int64).reshape(-1, 2)])
+        return Matches(images, self.diagonal)
 
-        Of each pair that has one: its number, the rotation second_from_first, and the share of its
-        matches that the relative pose explains.
-        """
-        fits = [(number, fit_relative_poses(self, number)) for number in range(len(self.pairs))]
-        return [
-            (number, fit[0][0], fit[0][1] / self.pairs[number].pixels.shape[1])
-            for number, fit in fits
-            if fit
-        ]
+    def find_shares(self, data: Dataset) -> np.ndarray:
+        """Returns the share of each pair's matches (P,) that a dataset explains."""
+        scores = self._score_errors(self.measure_errors(data)[: len(self)])
+        share = 1 - (1 - _FITTING) * np.exp(-scores)
+        count = len(self.pairs)
+        return np.bincount(self.pair, share, count) / np.bincount(self.pair, minlength=count)
 
-    def rate_pairs(
-        self, poses: np.ndarray | None = None, cameras: list[Camera] | None = None
-    ) -> np.ndarray:
-        """Returns the cost of each pair (P,), from 0 to 1, with other poses or lenses.
+    def find_share(self, data: Dataset) -> float:
+        """Returns the mean of `find_shares`."""
+        return float(np.mean(self.find_shares(data)))
 
-        Args:
-            poses: (V, B, 4, 4); None: the given ones.
-            cameras: None: the given ones.
-        """
-        rays = self.rays if cameras is None else find_rays(cameras, self.matches)
-        focal = self.focal if cameras is None else measure_pixels_per_radian(cameras[0])
-        errors = measure_angular_errors(rays, self.table.select_poses(poses))
-        return rate_pairs(errors, self.matches, focal)
+    def triangulate(self) -> np.ndarray:
+        """Returns the points (N, 3) of matches that fit the given dataset, in the world."""
+        rays, density = self._given_rays
+        moments = self.moments if self.given.poses.shape[1] > 1 else 0
+        poses = self.given.poses[self.views, moments]
+        distance, sine = triangulate_distances(rays, poses)
+        tolerance = 2 * self.noise
+        good = self.measure_errors(self.given)[: len(self)] < tolerance
+        good &= (sine * density[0] > _PARALLAX * tolerance) & np.isfinite(distance[0])
+        away = np.einsum("mij,mj->mi", poses[0, good, :3, :3], rays[0, good])
+        return poses[0, good, :3, 3] + distance[0, good, None] * away
 
-    def rate_poses(self, poses: np.ndarray) -> float:
-        """Returns the cost of the matches with these poses (V, B, 4, 4), from 0 to 1."""
-        return float(np.mean(self.rate_pairs(poses)))
-
-    def rate_lenses(self, cameras: list[Camera]) -> float:
-        """Returns the cost of the matches through these lenses, from 0 to 1."""
-        return float(np.mean(self.rate_pairs(cameras=cameras)))
-
-    def make_finding(self, severity: str, what: str, advice: str = "") -> Finding:
+    def make_finding(
+        self, severity: str, what: str, advice: str = "", subject: str = ""
+    ) -> Finding:
         """Makes a finding about the dataset whose photographs these are."""
-        return Finding(severity, str(self.scene.path), what, advice)
+        return Finding(severity, str(self.scene.path), what, advice, subject)
 
     def describe(self) -> str:
         """Counts matches and pairs, in words."""
-        return f"{len(self.matches):,} matches in {len(self.pairs)} pairs of neighbouring images"
+        return f"{len(self):,} matches in {len(self.pairs)} pairs of neighbouring images"
 
 
 def gather_evidence(scene: Scene, pairs: list[ImagePair] | None = None) -> Evidence | None:
@@ -148,39 +212,82 @@ def gather_evidence(scene: Scene, pairs: list[ImagePair] | None = None) -> Evide
     pairs = match_neighbours(scene) if pairs is None else pairs
     if len(pairs) < _FEWEST_PAIRS or sum(p.pixels.shape[1] for p in pairs) < _FEWEST_MATCHES:
         return None
-    matches = gather_matches(scene, pairs)
-    rays = find_rays(scene.cameras, matches)
-    return Evidence(scene, pairs, matches, make_pose_table(scene, matches), rays)
+    shared, triples = _find_shared(scene, pairs)
+    camera = scene.cameras[0]
+    return Evidence(
+        scene, make_dataset(scene), pairs, [(p.first, p.second) for p in pairs] + triples,
+        np.concatenate([p.pixels for p in pairs], axis=1),
+        np.repeat(np.arange(len(pairs)), [p.pixels.shape[1] for p in pairs]),
+        np.concatenate([_find_moments(scene, pair) for pair in pairs], axis=1),
+        shared, float(np.hypot(camera.width, camera.height)),
+    )  # fmt: skip
 
 
-def fit_relative_poses(
-    evidence: Evidence, number: int, orders: Sequence[np.ndarray] = ()
-) -> list[tuple[np.ndarray, int]]:
-    """Fits relative poses to the matches of a pair and to shuffles of them, without given poses.
+def make_dataset(scene: Scene) -> Dataset:
+    """Takes poses and lenses of a scene."""
+    of_views = [compute_readout_poses(view) for view in scene.views]
+    moments = max(len(poses) for poses in of_views)
+    is_opengl = (scene.path / "transforms.json").is_file() or scene.path.suffix == ".json"
+    return Dataset(
+        np.array([np.resize(poses, (moments, 4, 4)) for poses in of_views]), tuple(scene.cameras),
+        np.array([view.camera_index for view in scene.views], np.int64),
+        OPENGL_FROM_OPENCV[:3, :3] if is_opengl else np.eye(3), order_in_time(scene),
+    )  # fmt: skip
+
+
+def _find_moments(scene: Scene, pair: ImagePair) -> np.ndarray:
+    """Returns the moment (2, M) of the readout at which each pixel is read, down the image."""
+    found = []
+    for index, pixels in zip((pair.first, pair.second), pair.pixels, strict=True):
+        view, camera = scene.views[index], scene.camera(index)
+        if view.camera_from_world_start is not None:
+            found.append(find_readout_moments(view, camera, pixels))
+            continue
+        line = np.floor(_MOMENTS * pixels[:, 1] / camera.height).astype(np.int64)
+        found.append(np.clip(line, 0, _MOMENTS - 1))
+    return np.stack(found)
+
+
+def _find_shared(
+    scene: Scene, pairs: Sequence[ImagePair]
+) -> tuple[np.ndarray, list[tuple[int, ...]]]:
+    """Finds the features that a pair shares with the next one, and both pairs' three views.
+
+    Both steps have as many frames, so that errors of a lens change both distances alike.
+    """
+    place = {view: k for path in order_in_time(scene) for k, view in enumerate(path)}
+    steps = {(p.first, place[p.second] - place[p.first]): k for k, p in enumerate(pairs)}
+    start = np.concatenate([[0], np.cumsum([p.pixels.shape[1] for p in pairs])])
+    rows: list[tuple[int, int, int]] = []
+    views: list[tuple[int, ...]] = []
+    for number, pair in enumerate(pairs):
+        other = steps.get((pair.second, place[pair.second] - place[pair.first]))
+        if other is None:
+            continue
+        places = {tuple(pixel): k for k, pixel in enumerate(pair.pixels[1].tolist())}
+        found = [
+            (start[number] + places[tuple(pixel)], start[other] + k, len(pairs) + len(views))
+            for k, pixel in enumerate(pairs[other].pixels[0].tolist()) if tuple(pixel) in places
+        ]  # fmt: skip
+        if len(found) >= _FEWEST_SHARED:
+            rows += found
+            views.append((pair.first, pair.second, pairs[other].second))
+    return np.array(rows, np.int64).reshape(-1, 3).T, views
+
+
+def triangulate_distances(rays: np.ndarray, poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Triangulates the features of matches (law of sines).
 
     Args:
-        evidence: of the photographs.
-        number: of the pair.
-        orders: permutations (n,) of the second image's pixels.
+        rays: (2, M, 3) in camera axes.
+        poses: (2, M, 4, 4) world_from_camera.
 
     Returns:
-        The rotation (3, 3) second_from_first and the number of matches that the pose explains: as
-        matched, and for each permutation. Empty for lenses without one centre.
+        Distances (2, M) from both cameras, and (M,) the sine of the angle between both rays.
     """
-    scene, pair = evidence.scene, evidence.pairs[number]
-    cameras = [scene.cameras[scene.views[i].camera_index] for i in (pair.first, pair.second)]
-    if not all(camera.is_central for camera in cameras):
-        return []
-    images = [
-        _core.ImageBearings(camera, np.ascontiguousarray(pixels))
-        for camera, pixels in zip(cameras, pair.pixels, strict=True)
-    ]
-    first = np.arange(pair.pixels.shape[1], dtype=np.int32)
-    seen = [np.array(image.valid, bool) for image in images]
-    rows = [
-        np.stack([first, second], axis=1)[seen[0] & seen[1][second]]
-        for second in (first, *(order.astype(np.int32) for order in orders))
-    ]
-    max_error = TOLERANCE * evidence.matches.diagonal / 1000
-    found = _core.verify_pairs(images, np.tile([[0, 1]], (len(rows), 1)), rows, max_error, 0)
-    return [(pose[:3, :3], int(np.count_nonzero(kept))) for kept, pose, *_ in found]
+    one, two = np.einsum("smij,smj->smi", poses[..., :3, :3], rays)
+    base = poses[1, :, :3, 3] - poses[0, :, :3, 3]
+    sine = np.linalg.norm(np.cross(one, two), axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        across = [np.linalg.norm(np.cross(base, ray), axis=1) / sine for ray in (two, one)]
+    return np.array(across), sine

@@ -12,13 +12,15 @@ from gsut.data.points import UNCOLORED, has_colors
 
 _LENS_SIDE = 800  # pixels: lenses are checked on images of at most this longer side
 _NO_RAY_MUCH = 0.4  # share of pixels; a 180-degree circle in a square image leaves 0.21
+_NARROWEST = 1.0  # degrees off the axis, which the longest photographic lenses see
 _SAME_PLACE = 1e-6  # of the extent: cameras this near are at one place
 _COLLINEAR = 1e-3  # second over first singular value of the centres, for cameras on one line
 _FEW_POINTS = 100  # from which a scene can start well
 _FEW_POINTS_IN_VIEW = 20  # with fewer a view's pose is suspect
 _POINTS_TESTED = 5000  # evenly chosen: enough for shares of a percent
 _FAR_FROM_ORIGIN = 1e3  # distance over extent at which float32 coordinates lose about 0.1 mm in 1 m
-_EXTENT_RANGE = (1e-2, 1e3)  # usual extents; others work but deserve a note
+_USUAL_EXTENTS = (1e-2, 1e3)  # units; others work but deserve a note
+_POSSIBLE_EXTENTS = (1e-4, 1e5)  # units; others come of a mistake
 _POINT_SPREAD_RANGE = (0.05, 100.0)  # median distance of the points over the extent
 
 
@@ -40,6 +42,12 @@ def check_lenses(scene: Scene) -> Iterator[Finding]:
             )
             continue
         widest = f"the widest pixel sees {angles.max():.1f} degrees off the axis"
+        if angles.max() < _NARROWEST:
+            yield warn(
+                f"the lens sees {2 * angles.max():.2g} degrees from corner to corner",
+                "no photographic lens sees so little: check focal length, distortion, width and "
+                "height",
+            )
         if blind > _NO_RAY_MUCH:
             yield warn(
                 f"{blind:.1%} of the pixels have no ray (the lens model ends at {limit:.1f}"
@@ -92,8 +100,12 @@ def check_poses(scene: Scene) -> Iterator[Finding]:
             " if a PLY gave the points as float32, they are rounded to"
             f" {np.spacing(np.float32(distance)):.2g} units"
         )
-    if not _EXTENT_RANGE[0] < scene.extent < _EXTENT_RANGE[1]:
-        yield inform(f"the cameras' extent is {scene.extent:.3g} units: an unusual scale")
+    usual, possible = (a < scene.extent < b for a, b in (_USUAL_EXTENTS, _POSSIBLE_EXTENTS))
+    if not usual:
+        yield (inform if possible else warn)(
+            f"the cameras' extent is {scene.extent:.3g} units: an unusual scale",
+            "check the unit of the poses, and that no camera stands far away",
+        )
     up = -np.mean([view.camera_from_world[1, :3] for view in views], axis=0)
     axis = int(np.argmax(np.abs(up)))
     if up[axis] < -0.5:

@@ -17,38 +17,14 @@ from gsut.sfm import PosesOptions
 from gsut.sfm.matches import MAX_DISTANCE
 from gsut.sfm.photographs import Features, detect_features
 
-
-@dataclasses.dataclass(frozen=True)
-class _Look:
-    """How closely photographs are examined.
-
-    Args:
-        anchors: number of places along the dataset at which neighbours are compared.
-        steps: of each pair, how many places after an anchor both images lie.
-        most: matches kept of a pair.
-        loops: most pairs of images that are far apart on the path and see the same.
-        options: of the features.
-    """
-
-    anchors: int
-    steps: tuple[tuple[int, int], ...]
-    most: int
-    loops: int
-    options: PosesOptions
-
-
-_QUICK = _Look(9, ((0, 1), (0, 2), (1, 2)), 250, 0, PosesOptions(
-    max_features=700, max_megapixels=0.14, threads=0
-))  # fmt: skip
-_CLOSE = _Look(24, ((0, 1), (1, 2), (0, 3), (3, 6), (0, 6)), 600, 12, PosesOptions(
-    max_features=1500, max_megapixels=0.8, threads=0
-))  # fmt: skip
+_ANCHORS = 9  # places along the dataset at which neighbours are compared
+_STEPS = ((0, 1), (0, 2), (1, 2))  # of a pair: how many places after an anchor both images lie
+_MOST = 250  # matches kept of a pair
+_OPTIONS = PosesOptions(max_features=700, max_megapixels=0.14, threads=0)
 _CONTRAST = 0.01  # threshold of SIFT: even surfaces are not needed here
 _MAX_RATIO = 0.75  # of descriptors' distances: few wrong matches rather than many right ones
-_JUMPS = 2  # longest steps of a path that are examined: one pose far away makes two
-_LOOP = 0.25  # of a path's length in frames, from which a pair that sees the same closes a loop
-_SAME_DIRECTION = np.cos(np.radians(40.0))  # between optical axes of images that see the same
-_LOOPS_A_VIEW = 2  # so that loops are spread over the path
+_JUMPS = 6  # places of a path that are examined where its steps change most: three a far pose
+_STAND = 0.3  # of the median step: shorter ones are alike
 _FEWEST = 16  # matches of a pair: fewer may be chance
 _STILL = 0.004  # of the image's diagonal: what moves less, in a pair that moves, is on the lens
 _BEFORE_NUMBER = re.compile(r"\d+\D*$")
@@ -68,25 +44,22 @@ class ImagePair:
     pixels: np.ndarray
 
 
-def match_neighbours(scene: Scene, closely: bool = False) -> list[ImagePair]:
+def match_neighbours(scene: Scene) -> list[ImagePair]:
     """Matches some images with the next ones of the same camera, in the order of their names.
 
     Args:
         scene: some of its images are decoded and stay in its cache.
-        closely: more images, larger ones: for errors of a fraction of a pixel, in several times the
-            time.
 
     Returns:
         Pairs with enough matches; empty where images show too little, or not the same.
     """
-    look = _CLOSE if closely else _QUICK
-    wanted = _choose_pairs(scene, look)
+    wanted = choose_pairs(scene)
     used = sorted({index for pair in wanted for index in pair})
     with concurrent.futures.ThreadPoolExecutor(_core.num_threads()) as threads:
         features = dict(
             zip(
                 used,
-                threads.map(lambda i: _find_features(scene, i, look.options), used),
+                threads.map(lambda i: _find_features(scene, i), used),
                 strict=True,
             )
         )
@@ -103,7 +76,7 @@ def match_neighbours(scene: Scene, closely: bool = False) -> list[ImagePair]:
         if np.count_nonzero(~still) >= _FEWEST:
             pixels = pixels[:, ~still]
         if pixels.shape[1] >= _FEWEST:
-            pairs.append(ImagePair(a, b, pixels[:, : look.most]))
+            pairs.append(ImagePair(a, b, pixels[:, :_MOST]))
     return pairs
 
 
@@ -120,66 +93,30 @@ def order_in_time(scene: Scene) -> list[list[int]]:
     return ordered
 
 
-def _choose_pairs(scene: Scene, look: _Look) -> list[tuple[int, int]]:
+def choose_pairs(scene: Scene) -> list[tuple[int, int]]:
     groups = order_in_time(scene)
     total = sum(len(group) for group in groups)
     centers = np.array([view.camera_center for view in scene.views])
     pairs = []
     for group in groups:
-        anchors = max(1, round(look.anchors * len(group) / total))
+        anchors = max(1, round(_ANCHORS * len(group) / total))
         even = np.linspace(0, len(group) - 2, anchors).astype(int)
         for place in np.unique([*even, *_find_jumps(centers[group])]):
-            for one, two in look.steps:
+            for one, two in _STEPS:
                 if place >= 0 and place + two < len(group):
                     pairs.append((group[place + one], group[place + two]))
-        pairs += _find_loops(scene, group, {view for pair in pairs for view in pair}, look)
     return list(dict.fromkeys(pairs))
 
 
-def is_loop(first: int, second: int, count: int) -> bool:
-    """Returns whether two places of a path of `count` images are far apart on it."""
-    return abs(second - first) >= max(2, _LOOP * count)
-
-
-def _find_loops(
-    scene: Scene, group: list[int], used: set[int], look: _Look
-) -> list[tuple[int, int]]:
-    """Finds images far apart on the path that stand near each other and look the same way.
-
-    Near is what neighbours on the path are that the look compares: so far they see the same. Errors
-    that grow along a path, too small between neighbours, are large between these.
-    """
-    longest = max(two for _, two in look.steps)
-    places = [place for place, view in enumerate(group) if view in used]
-    if not look.loops or len(group) <= longest:
-        return []
-    centers = np.array([scene.views[view].camera_center for view in group])
-    axes = np.array([scene.views[view].camera_from_world[2, :3] for view in group])
-    reach = float(np.median(np.linalg.norm(centers[longest:] - centers[:-longest], axis=1)))
-    near = []
-    for number, a in enumerate(places):
-        for b in places[number + 1 :]:
-            distance = float(np.linalg.norm(centers[b] - centers[a]))
-            same = axes[a] @ axes[b] > _SAME_DIRECTION
-            if is_loop(a, b, len(group)) and same and distance <= reach:
-                near.append((distance, a, b))
-    count = dict.fromkeys(places, 0)
-    found: list[tuple[int, int]] = []
-    for _, a, b in sorted(near):
-        if len(found) < look.loops and max(count[a], count[b]) < _LOOPS_A_VIEW:
-            found.append((group[a], group[b]))
-            count[a], count[b] = count[a] + 1, count[b] + 1
-    return found
-
-
 def _find_jumps(centers: np.ndarray) -> list[int]:
-    """Lists the places before and at the longest steps of a path: where poses may not fit."""
+    """Lists the places before those where the steps of a path change most: poses may not fit."""
     steps = np.linalg.norm(np.diff(centers, axis=0), axis=1)
-    longest = np.argsort(-steps, kind="stable")[:_JUMPS]
-    return [int(place) for step in longest for place in (step - 1, step) if place >= 0]
+    least = _STAND * float(np.median(steps)) if len(steps) else 0.0
+    steps = np.log(np.maximum(steps, max(least, 1e-300)))
+    return np.argsort(-np.abs(np.diff(steps)), kind="stable")[:_JUMPS].tolist()
 
 
-def _find_features(scene: Scene, index: int, options: PosesOptions) -> Features:
+def _find_features(scene: Scene, index: int) -> Features:
     """Finds features wherever the dataset's mask allows, also where the lens has no ray.
 
     The lens is under test, so it must not hide pixels.
@@ -190,4 +127,4 @@ def _find_features(scene: Scene, index: int, options: PosesOptions) -> Features:
         valid = view.valid if view.mask_path is None else decode_mask(view.mask_path)
     except InputError:  # reported by the checks of the files
         pixels, valid = np.zeros((8, 8, 3), np.uint8), None
-    return detect_features(pixels, valid, options, _CONTRAST)
+    return detect_features(pixels, valid, _OPTIONS, _CONTRAST)

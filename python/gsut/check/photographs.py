@@ -3,36 +3,56 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable
+from collections.abc import Collection
 
 import numpy as np
 
-from gsut.check.breaks import check_loops, check_scale, name_break
-from gsut.check.chance import Judgement, is_another_view, judge_pairs, measure_turn_error
-from gsut.check.drift import check_drift
+from gsut.check.agreement import Agreement, find_agreement, find_far_views
 from gsut.check.evidence import Evidence
 from gsut.check.findings import Finding
-from gsut.check.lens_errors import check_half_pixel, find_lens_errors, name_other_model
-from gsut.check.lens_fit import fit_lens
-from gsut.check.others import POOR, find_best_other, is_sure
-from gsut.check.shutter import check_timing
-from gsut.check.turns import (
-    find_clock_shift,
-    rate_as_degrees,
-)
 from gsut.data import Scene, list_some
+from gsut.judge import HYPOTHESES, Dataset, Hypothesis, Variant, find_best_variants, prefer
 
-_FEWEST_FOR_LENS = 6  # pairs of photographs: fewer do not separate lens and poses
-_BAD_PAIR = 0.85  # cost of a pair that contradicts its poses while others do not
-_MANY_BAD = 0.2  # of the pairs: more than a few bad poses
+_POOR = 0.4  # share of the matches that a dataset explains: with less it is wrong
+_GROSS = 0.8  # likewise: with more there is no gross mistake
+_BAD_PAIR = 0.2  # likewise of one pair
+_ALIKE = 0.9  # of the best hypothesis's gain: a hypothesis that gains this share explains the same
+_LEAST_GAIN = 0.05  # nats a match that a hypothesis must gain: less are errors that images share
+_SAME = 1e-3  # nats a match: groups of images that differ by less are not touched
+_PLAIN = 1.2  # nats a match: half of the matches that did not fit do so, a match that fits has five
+_PART = 3  # views that fit each other from which they are a part of a path, not wrong poses
+_ADVICE = (
+    "check names, order and time stamps, that these are the photographs of this path, and the "
+    "lens; or find poses of all images at once (`gsut poses`)"
+)
+
+
+@dataclasses.dataclass(frozen=True)
+class Explanation:
+    """A hypothesis that explains the photographs better than what is given.
+
+    Args:
+        hypothesis, variant: what is supposed.
+        score, gain: nats a match, means over the groups of images.
+    """
+
+    hypothesis: Hypothesis[Dataset]
+    variant: Variant[Dataset]
+    score: float
+    gain: float
+
+    @property
+    def is_large(self) -> bool:
+        """Returns whether it explains twice as much as what is given."""
+        return self.gain > self.score / 2
 
 
 def check_photographs(scene: Scene, evidence: Evidence | None) -> list[Finding]:
     """Checks the matches of neighbouring photographs against the given lenses and poses.
 
     Features that match lie on each other's epipolar lines, if poses and lenses are right. Where
-    they do not, other readings of the poses and other lenses are tried, and the one that fits is
-    named with the edit that mends the data.
+    they do not, what the poses and the lenses may have been meant to be is tried, and the
+    hypothesis that fits is named with the edit that mends the data.
 
     Args:
         scene: with poses of all views.
@@ -44,190 +64,120 @@ def check_photographs(scene: Scene, evidence: Evidence | None) -> list[Finding]:
     """
     if evidence is None:
         what = "neighbouring images share too few features to check poses and lens by them"
-        return [Finding("info", str(scene.path), what)]
-    given = evidence.rate_poses(evidence.table.poses)
-    rolling = check_timing(evidence, POOR) if given > POOR else []
-    if rolling:
-        return rolling
-    other = find_best_other(evidence, given)
-    if other is not None:
-        contradiction = evidence.make_finding(
-            "error" if is_sure(other, evidence.rate_pairs()) else "warning",
-            f"the photographs contradict the {other.subject} ({evidence.describe()}: "
-            f"{_share(given)} fit); {_share(other.value)} fit {other.name}",
-            other.advice,
-        )
-        return _set_subject(other.subject, [contradiction])
-    if given > POOR:
-        return _weigh_poor_matches(evidence, given)
-    return _find_small_errors(evidence, given)
+        return [*name_far_views(scene), Finding("info", str(scene.path), what)]
+    shares = evidence.find_shares(evidence.given)
+    share = float(np.mean(shares))
+    agreement = find_agreement(evidence) if shares.min() < _BAD_PAIR else None
+    found = find_explanation(evidence, share < _GROSS)
+    fitting = [pair for pair, fits in zip(evidence.pairs, shares > _POOR, strict=True) if fits]
+    far = name_far_views(scene, {view for pair in fitting for view in (pair.first, pair.second)})
+    wrong = agreement is not None and agreement.is_contradiction
+    if found is not None and (found.is_large or not wrong):
+        return [_name_explanation(evidence, share, found)]
+    return far or _describe_agreement(evidence, share, agreement)
 
 
-def _set_subject(subject: str, findings: Iterable[Finding]) -> list[Finding]:
-    return [dataclasses.replace(finding, subject=subject) for finding in findings]
+def find_explanation(evidence: Evidence, is_poor: bool) -> Explanation | None:
+    """Finds the hypothesis that explains the photographs best; of those alike the likelier."""
+    given, found = evidence.given, []
+    current, structure = evidence.score(given), evidence.make_structure(given)
+    for row, variant in find_best_variants(HYPOTHESES, given, evidence.sample.score, is_poor):
+        rival = evidence.make_structure(variant.data, row.free)
+        scores = evidence.score(variant.data)
+        wins = prefer(structure, rival, evidence.matches).is_rival
+        explains = evidence.find_share(variant.data) > _POOR
+        if explains and _is_sure(current, scores, wins, row.is_gross):
+            gain = float(np.mean(scores - current))
+            found.append(Explanation(row, variant, float(np.mean(scores)), gain))
+    most = max((each.gain for each in found), default=0.0)
+    alike = [each for each in found if each.gain >= _ALIKE * most]
+    return min(alike, key=lambda each: HYPOTHESES.index(each.hypothesis), default=None)
 
 
-def _share(value: float) -> str:
-    return f"{100 * max(0.0, 1 - value):.0f} %"
-
-
-def _explain_contradiction(evidence: Evidence, given: float, judgement: Judgement) -> Finding:
-    """Names what turns between photographs show of poses that no known reading explains."""
-    contradiction = (
-        f"the photographs contradict the poses ({evidence.describe()}: {_share(given)} fit)"
-    )
-    degrees = rate_as_degrees(evidence)
-    if degrees is not None:
-        return evidence.make_finding(
-            "error",
-            f"{contradiction}; {degrees:.0%} of the turns between neighbours fit these poses with "
-            "their rotation vectors read in degrees",
-            "convert rotation vectors to radians (np.radians) before matrices are made of them",
-        )
-    late = find_clock_shift(evidence)
-    if late is not None:
-        return evidence.make_finding(
-            "error",
-            f"{contradiction}; the turns between neighbours fit poses that are about {abs(late):g} "
-            f"of a frame {'late' if late > 0 else 'early'}",
-            "shift the poses' clock against the images' by as much, and interpolate anew",
-        )
-    off = [measure_turn_error(evidence, each) for each in judgement.contradicts]
-    paired = sum(is_another_view(evidence, each) for each in judgement.contradicts)
-    if 2 * paired > len(judgement.contradicts):
-        cause = "in most of them another image's pose fits: check names, order and time stamps"
-    elif 2 * len(judgement.confirmed) > len(judgement.contradicts):
-        cause = (
-            "no other reading fits, nor any other image's pose, though the photographs agree with "
-            "each other: they are photographs of another scene, or the poses are another run's"
-        )
-    else:
-        cause = (
-            "no other reading fits: they may be photographs of another scene; or check rotations "
-            "(degrees for radians, Euler angles, body instead of camera poses) and the pairing of "
-            "names"
-        )
-    return evidence.make_finding(
-        "error",
-        f"the photographs contradict the poses: {_share(given)} of the matches fit them; in "
-        f"{len(judgement.contradicts)} pairs other poses through the same lens fit better than "
-        f"chance, whose turns differ by {np.median(off):.1f} degrees (median; "
-        f"{evidence.describe()})",
-        f"{cause}; or find poses with `gsut poses`",
-    )
-
-
-def _weigh_poor_matches(evidence: Evidence, given: float) -> list[Finding]:
-    """Judges whether poses are wrong, or photographs say little, where few matches fit."""
-    judgement = judge_pairs(evidence)
-    at_one_place = name_break(evidence, judgement)
-    if at_one_place is not None:
-        return _set_subject("poses", [at_one_place])
-    if judgement.is_contradiction:
-        return _set_subject("poses", [_explain_contradiction(evidence, given, judgement)])
-    if judgement.confirmed:
-        return _set_subject("poses", [_name_bad_pairs(evidence, judgement)])
-    return [_describe_poor_matches(evidence, given, judgement)]
-
-
-def _describe_poor_matches(evidence: Evidence, given: float, judgement: Judgement) -> Finding:
-    """Says what few matches that fit may mean, where nothing is proved."""
-    pairs = len(evidence.pairs)
-    if judgement.supports:
-        return evidence.make_finding(
-            "info",
-            f"the photographs agree with poses and lens in {len(judgement.supports)} of {pairs} "
-            f"pairs of neighbouring images, and show too little in the others "
-            f"({evidence.describe()})",
-        )
-    if not judgement.contradicts:
-        return evidence.make_finding(
-            "warning",
-            f"only {_share(given)} of the matched features fit the poses and the lens, and no "
-            f"poses fit more of them than chance ({evidence.describe()})",
-            "check lens model and focal length (gsut calibrate); blurred, repeated or moving "
-            "things can be a reason, too",
-        )
-    return evidence.make_finding(
-        "info",
-        f"the photographs may contradict the poses: {len(judgement.contradicts)} of {pairs} pairs "
-        f"of neighbouring images do, no pair supports them ({evidence.describe()})",
-        "repeated things in few photographs can be the reason; look at the poses, or find others "
-        "with `gsut poses`",
-    )
-
-
-def _find_small_errors(evidence: Evidence, given: float) -> list[Finding]:
-    """Finds pairs that do not fit, and small errors of the lens, where most matches fit."""
-    scene = evidence.scene
-    poses = evidence.table.select_poses()
-    costs = evidence.rate_pairs()
-    findings = _find_bad_pairs(evidence, costs) or check_timing(evidence, given)
-    if not findings and len(costs) >= _FEWEST_FOR_LENS:
-        findings += _set_subject("lens", name_other_model(evidence))
-    if not findings and len(costs) >= _FEWEST_FOR_LENS:
-        fit = fit_lens(scene.cameras, evidence.matches, poses)
-        lens = _set_subject("lens", find_lens_errors(evidence, fit))
-        findings += (lens and _set_subject("poses", check_drift(evidence))) or lens
-    if not findings:
-        findings += _set_subject("poses", check_scale(evidence))
-    if not findings:
-        findings.append(
-            evidence.make_finding(
-                "info",
-                f"the photographs agree with poses and lens ({evidence.describe()}, "
-                f"{_share(given)} fit)",
-            )
-        )
-    return findings
-
-
-def _find_bad_pairs(evidence: Evidence, costs: np.ndarray) -> list[Finding]:
-    """Finds a break of the path, loops that do not close, and single pairs that do not fit."""
-    if not np.any(costs > _BAD_PAIR):
-        return []
-    judgement = judge_pairs(evidence)
-    at_one_place = name_break(evidence, judgement)
-    if at_one_place is not None:
-        return _set_subject("poses", [at_one_place])
-    loops = check_loops(evidence, judgement)
-    if loops:
-        return _set_subject("poses", [*loops, *check_drift(evidence), *check_scale(evidence)])
-    bad = [_name_bad_pairs(evidence, judgement)] if judgement.confirmed else []
-    return _set_subject("poses", bad)
-
-
-def _name_bad_pairs(evidence: Evidence, judgement: Judgement) -> Finding:
-    """Names the images whose pairs contradict their poses while others do not."""
-    against = [evidence.pairs[each.number] for each in judgement.confirmed]
-    count = len(evidence.pairs)
-    supported = {
-        view
-        for each in judgement.supports
-        for view in (evidence.pairs[each.number].first, evidence.pairs[each.number].second)
-    }
-    accused = sorted({view for p in against for view in (p.first, p.second)} - supported)
-    names = [evidence.scene.views[i].name for i in accused or sorted({p.second for p in against})]
-    return evidence.make_finding(
-        "error" if len(against) > max(1, _MANY_BAD * count) else "warning",
-        f"{len(against)} of {count} pairs of neighbouring images contradict their poses: "
-        f"{list_some(names)}",
-        "they may have the poses of other images: check names, order and time stamps",
-    )
-
-
-def check_closely(evidence: Evidence) -> list[Finding]:
-    """Checks for single wrong pairs, misread coefficients, half a pixel and drifts.
+def _is_sure(current: np.ndarray, rival: np.ndarray, wins: bool, is_gross: bool) -> bool:
+    """Returns whether a rival is better beyond chance, or plainly: all images say so.
 
     Args:
-        evidence: of a close look.
+        current, rival: scores (G,) of the groups of images.
+        wins: the rival is preferred.
+        is_gross: the hypothesis is of a gross mistake.
     """
-    found = _find_bad_pairs(evidence, evidence.rate_pairs())
-    if not found and len(evidence.pairs) >= _FEWEST_FOR_LENS:
-        found = _set_subject("lens", name_other_model(evidence))
-    found = found or _set_subject("poses", check_drift(evidence))
-    if found:
-        return found
-    fit = fit_lens(evidence.scene.cameras, evidence.matches, evidence.table.select_poses())
-    half = _set_subject("lens", check_half_pixel(evidence, fit))
-    return [*half, *_set_subject("poses", check_scale(evidence))]
+    gains = rival - current
+    touched = np.abs(gains) > _SAME
+    if not touched.any():
+        return False
+    gain, score = float(gains[touched].mean()), float(rival[touched].mean())
+    plain = bool(np.all(gains[touched] > 0)) and min(gain, score / 2) > _PLAIN
+    return gain > (_PLAIN if is_gross else _LEAST_GAIN) and (wins or plain)
+
+
+def _name_explanation(evidence: Evidence, share: float, found: Explanation) -> Finding:
+    row, variant = found.hypothesis, found.variant
+    sentence, cure = row.sentence.format(variant.words), row.cure.format(variant.edit)
+    fits = evidence.find_share(variant.data)
+    if share < _POOR or found.is_large:
+        what = (
+            f"the photographs contradict the {row.subject} ({evidence.describe()}: {share:.0%} "
+            f"fit); {fits:.0%} fit {sentence}"
+        )
+        return evidence.make_finding("error", what, cure, row.subject)
+    return evidence.make_finding(
+        "warning", f"the photographs fit better {sentence}", cure, row.subject
+    )
+
+
+def name_far_views(scene: Scene, supported: Collection[int] = ()) -> list[Finding]:
+    """Names cameras far from all others, but for views that photographs support."""
+    views, distance, size = find_far_views(scene)
+    views = [view for view in views if view not in supported]
+    if not views:
+        return []
+    stands = "stands" if len(views) == 1 else "stand"
+    return [
+        Finding(
+            "warning",
+            str(scene.path),
+            f"{list_some([scene.views[v].name for v in views])} {stands} farther from all other "
+            f"cameras ({distance:.3g} units) than these are apart ({size:.3g})",
+            "check the pose, or leave the image out: it makes the scene's extent and its steps too "
+            "large",
+            "poses",
+        )
+    ]
+
+
+def _describe_agreement(
+    evidence: Evidence, share: float, agreement: Agreement | None
+) -> list[Finding]:
+    """Says whether photographs and poses agree, where no hypothesis explains more."""
+    fits = f"{evidence.describe()}, {share:.0%} fit"
+    if agreement is not None:
+        names = [view.name for view in evidence.scene.views]
+        count = len(agreement.contradicts)
+        if agreement.is_contradiction:
+            worst = sorted({v for pair in agreement.contradicts for v in pair.views})
+            what = (
+                f"poses and photographs do not agree: {count} of {len(evidence.pairs)} pairs of "
+                f"neighbouring images contradict their poses ({fits}): "
+                f"{list_some([names[v] for v in worst])}"
+            )
+            return [evidence.make_finding("error", what, _ADVICE, "poses")]
+        if agreement.apart:
+            views, severity = agreement.apart[0], "warning"
+            what = "contradict all neighbouring images that they were compared with, which agree"
+            if len(views) >= _PART:
+                severity = "error"
+                what = "agree with each other, and with no others: their poses are in another world"
+                what += " frame or scale"
+            what = (
+                f"poses and photographs do not agree: {list_some([names[v] for v in views])} {what}"
+            )
+            return [evidence.make_finding(severity, what, _ADVICE, "poses")]
+        if not agreement.supports and share < _POOR:
+            what = (
+                "poses and photographs do not agree, and other poses through this lens hardly fit "
+                f"them better ({fits})"
+            )
+            severity = "info" if count else "warning"
+            return [evidence.make_finding(severity, what, _ADVICE)]
+    return [evidence.make_finding("info", f"the photographs agree with poses and lens ({fits})")]

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from gsut.check.breaks import triangulate_distances
 from gsut.check.colors import EXPECTED_R, correlate_colors
-from gsut.check.epipolar import TOLERANCE
 from gsut.check.evidence import Evidence
 from gsut.check.findings import Finding
-from gsut.check.readings import list_signed_permutations
 from gsut.data import Scene
 from gsut.data.points import has_colors
-from gsut.sfm.points import measure_angular_errors
+from gsut.judge import list_signed_permutations
 
 _FEWEST = 30  # points, or triangulated matches, of which a median is trusted
 _UNITS = {  # points' unit over the poses' -> names of both
@@ -70,15 +67,9 @@ def _name_unit(where: str, unit: float, seen: str) -> Finding:
 
 def _compare_spread(scene: Scene, evidence: Evidence) -> float | None:
     """Divides the median spread of the points by that of triangulated matches."""
-    matches, poses = evidence.matches, evidence.table.select_poses()
-    errors = measure_angular_errors(evidence.rays, poses)
-    tolerance = TOLERANCE * matches.diagonal / 1000 / evidence.focal
-    (distance, _), sine = triangulate_distances(evidence.rays, poses)
-    good = (errors < tolerance) & (sine > 5 * tolerance) & np.isfinite(distance)
-    if np.count_nonzero(good) < _FEWEST:
+    seen = evidence.triangulate()
+    if len(seen) < _FEWEST:
         return None
-    away = np.einsum("mij,mj->mi", poses[0, good, :3, :3], evidence.rays[0, good])
-    seen = poses[0, good, :3, 3] + distance[good, None] * away
     return _spread(scene.points) / max(_spread(seen), 1e-300)
 
 

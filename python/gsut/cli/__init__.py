@@ -8,6 +8,7 @@ to import is imported by `run`, so that `--help` and a wrong argument answer at 
 from __future__ import annotations
 
 import argparse
+import ast
 import errno
 import importlib
 import io
@@ -18,6 +19,7 @@ import sys
 import traceback
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
 from typing import Any, NoReturn
 
 from gsut import _core, _starting
@@ -68,7 +70,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     names = list_commands()
 
     def make_parser(words: Sequence[str]) -> argparse.ArgumentParser:
-        return build_parser(words[:1] if words and words[0] in names else names)
+        chosen = next((word for word in words if not word.startswith("-")), "")
+        known = chosen in names
+        return build_parser([chosen] if known else names, with_flags=known)
 
     return run_command(make_parser, arguments)
 
@@ -208,8 +212,15 @@ class _Version(argparse.Action):
         parser.exit()
 
 
-def build_parser(names: Iterable[str] | None = None) -> argparse.ArgumentParser:
-    """Returns the parser of these commands, or of all; each sets `run`, its function."""
+def build_parser(
+    names: Iterable[str] | None = None, with_flags: bool = True
+) -> argparse.ArgumentParser:
+    """Returns the parser of these commands, or of all; each sets `run`, its function.
+
+    Args:
+        names: of the commands.
+        with_flags: False: commands have a name and a line of help only, and none is imported.
+    """
     parser = Parser(
         prog="gsut",
         description="3D Gaussian splatting for any real lens, on any machine, without a GPU.",
@@ -219,8 +230,26 @@ def build_parser(names: Iterable[str] | None = None) -> argparse.ArgumentParser:
         "--version", action=_Version, nargs=0, help="print versions and build, and exit"
     )
     wanted = list_commands() if names is None else names
-    add_commands(parser, {name: f"gsut.cli.{name}" for name in wanted}, "commands", "COMMAND")
+    if with_flags:
+        add_commands(parser, {name: f"gsut.cli.{name}" for name in wanted}, "commands", "COMMAND")
+    else:
+        listed = parser.add_subparsers(title="commands", metavar="COMMAND", required=True)
+        for name in wanted:
+            listed.add_parser(name, help=_read_help(name))
     return parser
+
+
+def _read_help(name: str) -> str:
+    """Reads the HELP of a command from its source: importing them all takes longer than a list."""
+    source = Path(__path__[0], f"{name}.py").read_text(encoding="utf-8")
+    values = {
+        target.id: line.value
+        for line in ast.parse(source).body
+        if isinstance(line, ast.Assign)
+        for target in line.targets
+        if isinstance(target, ast.Name)
+    }
+    return str(ast.literal_eval(values["HELP"]))
 
 
 def add_commands(

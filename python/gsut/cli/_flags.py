@@ -45,13 +45,16 @@ def add_force(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def check_first(scene: Any, force: bool, quiet: bool = False, matches: Any = None) -> list[Any]:
+def check_first(
+    scene: Any, force: bool, quiet: bool = False, matches: Any = None, mends: Sequence[str] = ()
+) -> list[Any]:
     """Runs the doctor's quick checks and prints what will make the result worse.
 
     Args:
         scene: that is looked at.
         force: go on although the data contradict themselves. quiet: only errors.
         matches: of `gsut.check.match_neighbours`, where they are known already.
+        mends: "poses" or "lens", where they are refined: an error in them is only a note.
 
     Returns:
         The findings.
@@ -62,8 +65,15 @@ def check_first(scene: Any, force: bool, quiet: bool = False, matches: Any = Non
     from gsut.check import check_scene, stop_at_errors
 
     findings = check_scene(scene, matches)
-    _say_findings(findings, quiet)
-    stop_at_errors(findings, force)
+    mended = [each for each in findings if each.severity == "error" and each.subject in mends]
+    others = [each for each in findings if each not in mended]
+    for finding in [] if quiet else mended:
+        say(
+            f"note: {finding.where}: {finding.what}; that is refined by tracks of features before "
+            "the training, whose verdict says whether it was mended"
+        )
+    _say_findings(others, quiet)
+    stop_at_errors(others, force)
     return findings
 
 

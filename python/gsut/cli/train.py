@@ -146,7 +146,8 @@ def train_into(
     is_new = not (resume and run.has_run())
     if is_new:
         (run.path / RunFile.FINDINGS).unlink(missing_ok=True)
-        findings = check_first(scene, force, quiet, _match_neighbours(scene))
+        mends = [s for s in ("poses", "lens") if getattr(options, f"refine_{s}")]
+        findings = check_first(scene, force, quiet, _match_neighbours(scene), mends)
         if any(each.severity != "info" for each in findings):  # which the verdict looks at
             keep_findings(run, findings)
     elif run.is_finished() and not quiet:

@@ -31,7 +31,7 @@ def compute_pixel_density(points: np.ndarray, camera: _core.Camera, pose: np.nda
     with np.errstate(invalid="ignore"):
         seen = valid & np.all((places > -_BORDER * size) & (places < (1 + _BORDER) * size), 1)
     if seen.any():
-        slope, _ = camera.project_jacobian(in_camera[seen])
+        slope, _ = camera.project_jacobian(in_camera[seen], with_params=False)
         # s1 s2 of a 2 x 3 matrix: the length of the cross product of its rows.
         here = np.linalg.norm(np.cross(slope[:, 0], slope[:, 1]), axis=1)
         density[seen] = np.nan_to_num(here, posinf=0.0)

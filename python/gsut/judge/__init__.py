@@ -1,11 +1,15 @@
-"""Decides by evidence: which of two structures explains the same matches better."""
+"""Decides by evidence: which of two structures, or hypotheses, explains matches better."""
 
+from gsut.judge.dataset import Dataset
 from gsut.judge.epipolar import (
     compute_readout_poses,
     find_readout_moments,
     measure_angular_errors,
     measure_pixels_per_radian,
 )
+from gsut.judge.hypotheses import Hypothesis, Variant, find_best_variants
+from gsut.judge.lens_errors import LENS_ERRORS
+from gsut.judge.path_errors import PATH_ERRORS
 from gsut.judge.preference import (
     SURE,
     Matches,
@@ -15,15 +19,25 @@ from gsut.judge.preference import (
     prefer,
     score_errors,
 )
+from gsut.judge.readings import READINGS, list_signed_permutations
+
+# The likelier first: of those that explain the photographs alike, the first is named.
+HYPOTHESES = (*READINGS, *LENS_ERRORS, *PATH_ERRORS)
 
 __all__ = [
+    "HYPOTHESES",
     "SURE",
+    "Dataset",
+    "Hypothesis",
     "Matches",
     "Preference",
     "Structure",
+    "Variant",
     "compute_readout_poses",
     "estimate_noise",
+    "find_best_variants",
     "find_readout_moments",
+    "list_signed_permutations",
     "measure_angular_errors",
     "measure_pixels_per_radian",
     "prefer",

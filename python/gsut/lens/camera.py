@@ -157,20 +157,21 @@ class Camera(_core.Camera):
         return super().origins()
 
     def project_jacobian(
-        self, points_in_camera: np.ndarray, with_params: bool = True
+        self, points_in_camera: np.ndarray, with_params: bool | Sequence[int] | np.ndarray = True
     ) -> tuple[np.ndarray, np.ndarray]:
         """Computes exact derivatives of `project`, by forward-mode differentiation.
 
         Args:
             points_in_camera: (N, 3).
-            with_params: False: dpixel_dparams has no rows, which takes a fraction of the time.
+            with_params: False: dpixel_dparams has no rows, which takes a fraction of the time; or
+                the indices of the F parameters that it is wanted for.
 
         Returns:
-            dpixel_dpoint (N, 2, 3) in pixels per unit of the points; dpixel_dparams (N, 2, K).
-            NaN where the point is invalid.
+            dpixel_dpoint (N, 2, 3) in pixels per unit of the points; dpixel_dparams (N, 2, K), or
+            (N, 2, F) in the order of the indices. NaN where the point is invalid.
 
         Raises:
-            InputError: wrong shape.
+            InputError: wrong shape, or an index of no parameter.
         """
         return super().project_jacobian(points_in_camera, with_params)
 

@@ -174,7 +174,7 @@ def _refine(
 
     def build_normal_equations(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         lens, residual, valid = try_params(values.tobytes())
-        jacobian = -lens.project_jacobian(target.points)[1][valid][:, :, free]
+        jacobian = -lens.project_jacobian(target.points, free)[1][valid]
         jacobian = jacobian.reshape(-1, len(free))
         return jacobian.T @ residual[valid].ravel(), jacobian.T @ jacobian
 

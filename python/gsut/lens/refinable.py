@@ -31,12 +31,12 @@ def find_refinable_params(camera: Camera) -> np.ndarray:
     across, down = ((np.arange(_SAMPLES) + 0.5) / _SAMPLES * side for side in size)
     pixels = np.stack(np.meshgrid(across, down), axis=-1).reshape(-1, 2)
     rays, valid = camera.unproject(pixels)
-    by_point, by_params = camera.project_jacobian(rays[valid])
-    by_rotation = by_point @ np.cross(np.eye(3), rays[valid][:, None, :]).transpose(0, 2, 1)
-    basis = np.linalg.qr(by_rotation.reshape(-1, 3))[0]
     names = camera.param_names.split()
     count = names.index("control_points") if "control_points" in names else len(free)
-    for k, column in enumerate(by_params.reshape(-1, len(free)).T[:count]):
+    by_point, by_params = camera.project_jacobian(rays[valid], range(count))
+    by_rotation = by_point @ np.cross(np.eye(3), rays[valid][:, None, :]).transpose(0, 2, 1)
+    basis = np.linalg.qr(by_rotation.reshape(-1, 3))[0]
+    for k, column in enumerate(by_params.reshape(-1, count).T):
         own = column
         for _ in range(2):  # twice is enough (Kahan)
             own = own - basis @ (basis.T @ own)

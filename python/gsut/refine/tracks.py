@@ -16,7 +16,7 @@ import numpy as np
 
 from gsut._core import InputError, SolveError
 from gsut.data import Scene
-from gsut.lens import Camera, find_refinable_params
+from gsut.lens import Camera, find_focal_params, find_refinable_params, has_focal_length
 from gsut.refine.motion import measure_pose_changes, turn_onto
 from gsut.run import TrainOptions
 from gsut.sfm import PosesOptions, compare_poses
@@ -50,8 +50,9 @@ class TracksResult:
     note: str = ""
 
     def summarize(self) -> dict[str, Any]:
-        """Returns figures and note, for metrics.json."""
-        return {**self.figures, **({"note": self.note} if self.note else {})}
+        """Returns figures, number of refined views, and note, for metrics.json."""
+        note = {"note": self.note} if self.note else {}
+        return {**self.figures, "refined": len(self.tracked), **note}
 
 
 def refine_by_tracks(
@@ -82,8 +83,9 @@ def refine_by_tracks(
     found = turn_onto(_move_world(found, compare_poses(found, given).reference_from_world), given)
     changes = measure_pose_changes(found, given)
     refined = scene.with_poses(indices, found)
+    before, after = scene.file_cameras[0], solution.cameras[0]
     if options.refine_lens:
-        refined = refined.with_lenses([solution.cameras[0]])
+        refined = refined.with_lenses([after])
     missing = len(scene.train_indices) - len(indices)
     note = f"{missing} training views see too few tracks and keep their poses" if missing else ""
     variances = np.einsum("nii->ni", np.array(solution.covariances)[solution.registered])
@@ -96,6 +98,11 @@ def refine_by_tracks(
         "sigma_degrees": float(np.degrees(np.median(np.sqrt(variances[:, 3:].sum(axis=1))))),
         "sigma_moved": float(np.median(np.sqrt(variances[:, :3].sum(axis=1)))),
     }
+    if options.refine_lens and has_focal_length(before):
+        focal = find_focal_params(before)
+        figures["focal_percent"] = 100 * float(
+            np.mean(after.params[focal] / before.params[focal]) - 1
+        )
     if not options.refine_lens and _are_as_good_as_tracks(figures):
         note = (
             f"Tracks of features differ from the given poses by {figures['turned_degrees']:.2g} "

@@ -23,7 +23,7 @@ _SCALAR = "__scalar__"  # the same for a numpy scalar, kept as an array of no di
 
 
 def write_checkpoint(path: str | os.PathLike[str], state: dict[str, Any]) -> None:
-    """Writes a state to a file.
+    """Writes a state to a file, see `whole_file`.
 
     Args:
         path: the file.

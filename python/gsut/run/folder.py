@@ -273,9 +273,10 @@ class RunFolder:
             step: number of steps done.
             state: numpy arrays and JSON-able values, in nested dicts and lists; read back exactly.
         """
-        return self.write(
-            RunFile.CHECKPOINT, lambda path: write_checkpoint(path, {"step": step, "state": state})
-        )
+        path = self.path / RunFile.CHECKPOINT
+        if not self._stays:
+            write_checkpoint(path, {"step": step, "state": state})
+        return path
 
     def load_checkpoint(self) -> tuple[int, dict[str, Any]] | None:
         """Reads the step and state of the last `save_checkpoint`; None without a checkpoint.

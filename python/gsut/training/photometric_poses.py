@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from gsut._core import InputError, SolveError
-from gsut.run import RunFolder, read_checkpoint, write_checkpoint
+from gsut.run import read_checkpoint, write_checkpoint
 from gsut.sfm import PosesLog, PosesOptions, PosesResult, run_mapping, start_mapping
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import require_overlap
@@ -89,12 +89,9 @@ def _grow_poses(mapping: Mapping, folder: Path) -> Mapping:
         growth = VideoScene(video, kept["first"])
         growth.load_state_dict(kept)
 
-    def write(path: Path) -> None:
-        write_checkpoint(path, growth.state_dict())
-
     def show(step: str, to_keep: bool) -> None:
         if to_keep:
-            RunFolder(folder).write(_STATE, write)
+            write_checkpoint(folder / _STATE, growth.state_dict())
         on_step(len(growth.posed), len(photographs), len(growth.points.positions), step)
 
     show("grow", kept is None)

@@ -11,10 +11,8 @@ from box_room import plan_walk, write_box_room
 from changed_copy import copy_of, write
 from demo_hall import write_hall
 from gsut.check import check_scene
-from gsut.check.chance import Judgement, PairVerdict, judge_pairs
+from gsut.check.agreement import Agreement, PairVerdict, find_agreement
 from gsut.check.evidence import gather_evidence
-from gsut.check.lens_fit import convert_to_normal
-from gsut.check.others import Other, is_proved, is_sure
 
 
 @pytest.fixture(scope="module")
@@ -41,7 +39,7 @@ def test_thinned_exact_views_are_not_accused(hall, tmp_path):
 
 
 def make_verdict(free, given, free_by_chance=5.0, given_by_chance=1.0):
-    return PairVerdict(0, np.eye(3), free, given, free_by_chance, given_by_chance)
+    return PairVerdict((0, 1), np.eye(3), free, given, free_by_chance, given_by_chance)
 
 
 @pytest.mark.parametrize(
@@ -55,49 +53,23 @@ def test_a_pair_is_evidence_only_beyond_chance(free, given, supports, contradict
 
 def test_few_contradictions_beside_support_are_repeated_things(hall):
     good, bad = make_verdict(40, 40), make_verdict(40, 5)
-    assert not Judgement([good] * 2, [bad], []).is_contradiction
-    assert not Judgement([], [bad] * 2, []).is_contradiction
-    assert Judgement([], [bad] * 5, []).is_contradiction
-    assert Judgement([good], [bad] * 8, []).is_contradiction
-
-
-@pytest.mark.parametrize(
-    ("pairs", "cost", "proved"), [(2, 0.7, False), (12, 0.7, True), (2, 0.4, True)]
-)
-def test_a_reading_that_leaves_most_matches_open_needs_many_pairs(pairs, cost, proved, rng):
-    other = Other(cost + 0.05 * rng.standard_normal(pairs), "with a turn", "turn it back", "poses")
-    assert is_proved(other, np.full(pairs, 0.95)) == proved
-
-
-@pytest.mark.parametrize(
-    ("given", "sure"),
-    [
-        ([0.95] * 3, False), ([0.95] * 4, True), ([0.95] * 4 + [0.1], False),
-        ([0.95] * 11 + [0.1], True), ([0.95] * 3 + [0.4] * 9, False),
-    ],
-)  # fmt: skip
-def test_a_reading_that_repeated_things_could_explain_is_no_error(given, sure):
-    other = Other(np.full(len(given), 0.4), "mirrored", "mirror them back", "poses")
-    assert is_sure(other, np.array(given)) == sure
-    assert is_sure(dataclasses.replace(other, cameras=[]), np.array(given))
+    assert not Agreement([good] * 2, [bad], []).is_contradiction
+    assert not Agreement([], [bad] * 2, []).is_contradiction
+    assert Agreement([], [bad] * 5, []).is_contradiction
+    assert Agreement([good], [bad] * 8, []).is_contradiction
 
 
 def test_shuffled_matches_say_nothing(hall, rng):
     evidence = gather_evidence(gsut.load_dataset(hall).move_origin((0.0, 0.0, 0.0)))
-    right = judge_pairs(evidence)
+    right = find_agreement(evidence)
     pairs = [
         dataclasses.replace(p, pixels=np.stack([p.pixels[0], rng.permutation(p.pixels[1])]))
         for p in evidence.pairs
     ]
-    wrong = judge_pairs(gather_evidence(evidence.scene, pairs))
+    wrong = find_agreement(gather_evidence(evidence.scene, pairs))
     print(len(right.supports), "support,", len(wrong.supports), len(wrong.contradicts), "shuffled")
     assert len(right.supports) > len(pairs) / 2 and not right.contradicts
     assert not wrong.supports and not wrong.contradicts
-
-
-def test_a_large_ratio_of_few_pairs_is_no_rare_one():
-    assert convert_to_normal(np.array(9.0), 2) < 3
-    assert abs(convert_to_normal(np.array(3.0), 10_000) - 3) < 0.01
 
 
 @pytest.mark.slow
@@ -109,5 +81,5 @@ def test_coefficients_in_another_order_are_named(tmp_path):
     assert values["camera_model"] == "OPENCV"
     values["p1"], values["p2"], values["k3"] = values["k3"], values["p1"], values["p2"]
     (data / "transforms.json").write_text(json.dumps(values))
-    said = [str(f) for f in check_scene(gsut.load_dataset(data)) if f.severity == "error"]
+    said = [str(f) for f in check_scene(gsut.load_dataset(data)) if f.severity != "info"]
     assert any("k1 k2 k3 p1 p2, not k1 k2 p1 p2 k3" in text for text in said), said

@@ -1,6 +1,5 @@
 """`gsut doctor`: good data stay quiet, and each fault is named with its advice."""
 
-import json
 import shutil
 
 import cv2
@@ -78,18 +77,10 @@ def test_findings_text_counts_and_sorts_errors_first(tmp_path):
     )
 
 
-@pytest.mark.parametrize(
-    ("change", "advice"),
-    [
-        (lambda m: m @ D, "read with OpenCV camera axes"),
-        (np.linalg.inv, "read as world-to-camera"),
-        (lambda m: np.linalg.inv(m @ D), "read as world-to-camera with OpenCV camera axes"),
-    ],
-)
-def test_diagnose_wrong_pose_convention_names_the_right_one(change, advice, tmp_path):
-    text = texts(write(tmp_path, change_poses(change)), "warning")
-    assert "poses or lens may use another convention" in text
-    assert any(line.endswith(f"if the poses are {advice}") for line in text.splitlines())
+@pytest.mark.parametrize("change", [lambda m: m @ D, np.linalg.inv])
+def test_diagnose_wrong_pose_convention_is_noticed(change, tmp_path):
+    text = texts(write(tmp_path, change_poses(change)))
+    assert "may use another convention" in text or "too few points fall into" in text
 
 
 def place_at(matrix, position):
@@ -97,8 +88,8 @@ def place_at(matrix, position):
     return matrix
 
 
-def place_at_frame(values, position):
-    frame = values["frames"][3]
+def place_at_frame(values, position, number=3):
+    frame = values["frames"][number]
     frame["transform_matrix"] = place_at(np.array(frame["transform_matrix"]), position).tolist()
 
 
@@ -111,11 +102,17 @@ def add_equal_shutter_poses(values):
 FISHEYE = {"camera_model": "OPENCV_FISHEYE", "fl_x": 15.0, "fl_y": 15.0, "k1": -0.2}
 # What is changed in transforms.json, and the severity and the words of what is said of it.
 NOTICED = {
-    "focal lengths": (
-        lambda v: v.update(fl_x=v["fl_x"] * 1.2, fl_y=v["fl_y"] * 1.2),
-        "warning", ["focal lengths times 0.85"],
+    "tiny field": (
+        lambda v: v.update(fl_x=100 * v["fl_x"], fl_y=100 * v["fl_y"]),
+        "warning", ["degrees from corner to corner"],
     ),
-    "cx": (lambda v: v.update(cx=v["cx"] + 3), "warning", ["cx moved by -3.0%"]),
+    "huge coefficient": (
+        lambda v: v.update(camera_model="OPENCV", k1=1e6),
+        "warning", ["degrees from corner to corner"],
+    ),
+    "huge unit": (
+        change_poses(lambda m: place_at(m, 1e7 * m[:3, 3])), "warning", ["an unusual scale"],
+    ),
     "fl_x alone": (
         lambda v: v.update(fl_x=v["fl_x"] * 1.3),
         "warning", ["focal lengths differ by a factor of 1.2"],
@@ -147,6 +144,12 @@ NOTICED = {
         lambda v: place_at_frame(v, [99, 0, 3]),
         "warning", ["stands farther from all other cameras", "003.png"],
     ),
+    "two poses far away": (
+        lambda v: (
+            place_at_frame(v, [99, 0, 3]), place_at_frame(v, [0, -70, 3], 8)
+        ),
+        "warning", ["stand farther from all other cameras", "003.png, images/008.png"],
+    ),
     "no points": (lambda v: v.pop("ply_file_path"), "warning", ["there are no points"]),
 }  # fmt: skip
 
@@ -156,15 +159,6 @@ def test_diagnose_names_what_is_unusual(name, tmp_path):
     change, severity, parts = NOTICED[name]
     text = texts(write(tmp_path, change), severity)
     assert [part for part in parts if part not in text] == []
-
-
-def test_diagnose_world_to_camera_in_poses_txt_is_named(tmp_path):
-    small.write_folder(tmp_path)
-    (tmp_path / "poses.txt").unlink()
-    poses = zip(small.names(), small.world_from_cameras(), strict=True)
-    values = {name.split("/")[1]: np.linalg.inv(pose).tolist() for name, pose in poses}
-    (tmp_path / "poses.json").write_text(json.dumps(values))
-    assert texts(tmp_path, "warning").endswith("if the poses are read as world-to-camera")
 
 
 def test_diagnose_repeated_pose_and_repeated_image_are_named(tmp_path):

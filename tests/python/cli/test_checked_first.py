@@ -72,6 +72,32 @@ def test_a_contradiction_stops_the_command_before_it_spends_time(
     assert looked == [len(gsut.load_dataset(places["DATA"]))] * 2
 
 
+@pytest.mark.parametrize(
+    ("flag", "mended"), [("--refine-poses", {"poses"}), ("--refine-lens", {"poses", "lens"})]
+)
+@pytest.mark.parametrize("subject", ["poses", "lens", ""])
+def test_an_error_that_refinement_may_mend_is_a_note(
+    flag, mended, subject, places, tmp_path, monkeypatch, capsys
+):
+    def contradict(scene, evidence):
+        return [Finding("error", "data", "the photographs contradict it", "mend", subject)]
+
+    def spend(*_, **__):
+        raise SpentError
+
+    monkeypatch.setattr(dataset, "check_photographs", contradict)
+    monkeypatch.setattr(gsut, "train", spend)
+    words = ["train", places["DATA"], "-o", str(tmp_path / "out"), flag]
+    if subject not in mended:
+        assert main(words) == 2
+        return
+    with pytest.raises(SpentError):
+        main(words)
+    said = capsys.readouterr().err
+    assert "note: data: the photographs contradict it; that is refined by tracks" in said
+    assert "error:" not in said
+
+
 def test_the_table_has_every_command_that_can_be_forced():
     found = set()
     for name in list_commands():

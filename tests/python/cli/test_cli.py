@@ -6,6 +6,7 @@ import importlib
 import io
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -102,6 +103,30 @@ def test_help_imports_nothing_slow():
         env=os.environ | {"PYTHONPATH": PACKAGE},
     )
     assert done.stdout.strip() == "[]"
+
+
+def test_list_of_commands_imports_none_of_them_and_has_their_lines():
+    script = (
+        "import sys, gsut.cli\n"
+        "try: gsut.cli.main(['--help'])\n"
+        "except SystemExit: pass\n"
+        "print([m for m in sys.modules if m.startswith('gsut.cli.') or m == 'numpy'])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        capture_output=True,
+        text=True,
+        env=os.environ | {"PYTHONPATH": PACKAGE, "COLUMNS": "300"},
+    )
+    assert done.stdout.splitlines()[-1] == "[]"
+    for command in COMMANDS:
+        line = importlib.import_module(f"gsut.cli.{command}").HELP
+        assert re.search(rf"^ +{command}\s+{re.escape(line)}$", done.stdout, re.MULTILINE)
+
+
+@pytest.mark.parametrize("command", ["train", "poses"])
+def test_words_before_a_command_leave_it_its_flags(command, capsys):
+    assert "the following arguments are required" in refused(capsys, "--wrong", command)
 
 
 @pytest.mark.parametrize("command", COMMANDS)

@@ -81,6 +81,38 @@ def test_verdict_names_what_the_check_before_accuses(subject, are, advice, chang
     assert "steps and Gaussians are few" in few.reasons[0]
 
 
+TRACKS = {"refined": 9, "turned_degrees": 2.04, "moved": 0.081, "error_px": 0.21}
+
+
+@pytest.mark.parametrize(
+    ("asked", "subject", "tracks", "reason"),
+    [
+        ({"refine_poses": True}, "poses", TRACKS, "the poses of 9 views turned by 2 degrees"),
+        ({"refine_lens": True}, "lens", TRACKS | {"focal_percent": -1.96},
+         "the focal length changed by -2.0 %"),
+        ({"refine_poses": True}, "poses", {"refined": 0, "note": "no poses from tracks"},
+         "that was not mended: no poses from tracks"),
+    ],
+)  # fmt: skip
+def test_verdict_says_whether_refinement_mended_what_the_check_accused(
+    asked, subject, tracks, reason
+):
+    accused = {"subject": subject, "what": "matches fit others", "advice": "mend it"}
+    options = TrainOptions(preset="best", **asked)
+    metrics = GOOD | SOFT | {"steps": 1, "refinement": {"tracks": tracks}}
+    verdict = judge_training(metrics, "data", "run", options, (), accused)
+    assert f"found that matches fit others; {'tracks' if tracks['refined'] else 'that'}" in str(
+        verdict
+    )
+    assert reason in verdict.reasons[1]
+    blamed = "the poses are wrong" in verdict.reasons[0]
+    assert blamed == (tracks["refined"] == 0)
+    if blamed:  # the same command again would not help
+        assert verdict.advice == "gsut doctor data, then gsut poses data -o run-2-poses"
+    other = judge_training(metrics, "data", "run", TrainOptions(preset="best"), (), accused)
+    assert not any("the check before" in each for each in other.reasons)
+
+
 def test_run_keeps_what_the_check_accuses_if_that_is_one_thing(tmp_path):
     run = RunFolder(tmp_path)
     lens, poses = (Finding("warning", "data", "w", "a", each) for each in ("lens", "poses"))

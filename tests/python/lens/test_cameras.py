@@ -144,6 +144,19 @@ def check_jacobian(
 
 
 @each_lens
+def test_project_jacobian_by_some_parameters_has_the_bits_of_all(camera, rng):
+    points = polar_grid(0.9 * camera.max_angle, 5, 7)
+    by_point, by_params = camera.project_jacobian(points)
+    for count in (0, 1, len(camera.params)):
+        chosen = rng.permutation(len(camera.params))[:count]
+        alone, some = camera.project_jacobian(points, chosen)
+        assert np.array_equal(alone, by_point, equal_nan=True)
+        assert np.array_equal(some, by_params[:, :, chosen], equal_nan=True)
+    with raises_saying(["with_params names parameter -1 of"]):
+        camera.project_jacobian(points, [-1])
+
+
+@each_lens
 def test_project_jacobian_is_zero_along_the_ray(camera):
     points = 3.0 * polar_grid(0.9 * camera.max_angle, 8, 20)
     pixels, _ = camera.project(points)

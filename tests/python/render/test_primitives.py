@@ -77,8 +77,9 @@ def test_one_primitive_along_a_fan_of_rays_is_its_closed_form(primitive, dtype):
     assert 0 < (found > 0).sum() < 65
 
 
+@pytest.mark.parametrize("alpha_min", [1e-3, 1e-37])  # the second is none: all up to the outline
 @pytest.mark.parametrize("response", ["maximum", "extinction"])
-def test_triangle_backward_in_double_matches_central_differences(rng, response):
+def test_triangle_backward_in_double_matches_central_differences(rng, response, alpha_min):
     camera = fisheye(12)
     pose = random_pose(rng)
     g = make_scene(rng, camera, pose, 6, np.float64, distances=(2.0, 3.0),
@@ -86,7 +87,7 @@ def test_triangle_backward_in_double_matches_central_differences(rng, response):
     g = dataclasses.replace(g, response=response)
     weights = random_weights(rng, camera)
     rule = open_rule()
-    rule.alpha_min = 1e-3  # the rim is no smooth place: it lies beyond
+    rule.alpha_min = alpha_min
     options = {"dtype": "float64", "blend": rule, "background": (0.2, 0.5, 0.9)}
     found = gsut.render_backward(gsut.render(g, camera, pose, **options), *weights)
     moved, checked = g.copy(), 0

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 import tolerances
-from gsut.lens import with_scaled_focal
+from gsut.lens import convert_camera, with_scaled_focal
 from gsut.sfm.lens.covariance import estimate_lens_covariances
 from gsut.sfm.lens.doubt import judge_lens
+from gsut.sfm.lens.prior import find_focal
 from gsut.sfm.mapping import PosesLog
 from gsut.sfm.report.verdict import judge_solution
 from gsut.sfm.solution import FEATURE_VARIANCE, adjust_registered
@@ -138,6 +139,13 @@ def test_given_lens_of_another_focal_length_is_contradicted(walk, factor, word):
     assert not row["agrees"] and verdict.level == "poor"
     assert "--unknown-lens" in run.log.notes[-1]
     assert any(word in reason for reason in verdict.reasons)
+
+
+def test_focal_length_is_found_where_parameters_begin_with_others(walk):
+    lens = convert_camera(LENS, "splined_stereographic").camera
+    assert lens.params[0] != lens.params[4]
+    splined = dataclasses.replace(walk.solution, cameras=[lens] * len(walk.solution.cameras))
+    assert find_focal(splined) == lens.params[4]
 
 
 def test_given_lens_that_is_right_is_not_contradicted(walk, flight):

@@ -71,7 +71,11 @@ struct SplinedStereographic {
     const T zero(0.0);
     const T safe_x = Select(inside, plane_x, zero), safe_y = Select(inside, plane_y, zero);
     T value[2] = {zero, zero};
-    Spline(params, domain.limits[2], safe_x, safe_y, value);
+    if constexpr (requires { safe_x.grad; }) {
+      SplineWithGradient(params, domain.limits[2], safe_x, safe_y, value);
+    } else {
+      Spline(params, domain.limits[2], safe_x, safe_y, value);
+    }
     *u = T(params[kFocal]) * (plane_x + value[0]) + T(params[kFocal + 2]);
     *v = T(params[kFocal + 1]) * (plane_y + value[1]) + T(params[kFocal + 3]);
     return AndMask(inside, AndMask(Abs(*u) < T(kMaxPixel), Abs(*v) < T(kMaxPixel)));
@@ -156,6 +160,37 @@ struct SplinedStereographic {
       }
       dx[axis] = T(density) * along_x;
       dy[axis] = T(density) * along_y;
+    }
+  }
+
+  // The surface with forward-mode derivatives. Those by the place are closed and those by the table
+  // are sums over its block: a tenth of the work of Spline on a T with several directions.
+  template <class T, class P>
+  static void SplineWithGradient(const P* params, double density, const T& x, const T& y,
+                                 T* value) {
+    double at[2], dx[2], dy[2];
+    Spline(params, density, x.value, y.value, at, dx, dy);
+    for (int axis = 0; axis < 2; ++axis) {
+      value[axis] = T::Chain(at[axis], x, dx[axis], y, dy[axis]);
+    }
+    if constexpr (requires { params->grad; }) {
+      const bool cubic = Config(params[0]) > 2.5;
+      const double count_x = Config(params[1]), count_y = Config(params[2]);
+      double weight_x[4], weight_y[4], slope[4];
+      const double first_x =
+          Weights(cubic, x.value * density + 0.5 * (count_x - 1.0), count_x, weight_x, slope);
+      const double first_y =
+          Weights(cubic, y.value * density + 0.5 * (count_y - 1.0), count_y, weight_y, slope);
+      const int taps = cubic ? 4 : 3, columns = static_cast<int>(count_x);
+      const P* block =
+          params + kPoints + 2 * (static_cast<int>(first_y) * columns + static_cast<int>(first_x));
+      for (int k = 0; k < 2 * taps * taps; ++k) {
+        const int row = k / (2 * taps), column = k / 2 % taps, axis = k % 2;
+        const P& point = block[2 * (row * columns + column) + axis];
+        for (std::size_t d = 0; d < point.grad.size(); ++d) {
+          value[axis].grad[d] += weight_y[row] * weight_x[column] * point.grad[d];
+        }
+      }
     }
   }
 

@@ -83,6 +83,9 @@ class NextCommand:
     def with_poses(self) -> str:
         return self._write(["--refine-poses"], "refine_poses")
 
+    def with_new_poses(self) -> str:
+        return format_command(["gsut", "poses", self.data, "-o", f"{self.out}-poses"])
+
     def as_it_was(self) -> str:
         return self._write([])
 
@@ -113,7 +116,9 @@ def _choose_step_on_wrong(q: TrainingQuality) -> str:
     """Names a step against wrong poses or a wrong lens."""
     if q.accused is not None and q.accused["subject"] == "lens":
         return f"{q.accused['advice']}; then {q.repeat.as_it_was()}"
-    return f"{format_command(['gsut', 'doctor', q.repeat.data])}, then {q.repeat.with_poses()}"
+    not_mended = q.accused is not None and q.repeat.options.refine_poses
+    then = q.repeat.with_new_poses() if not_mended else q.repeat.with_poses()
+    return f"{format_command(['gsut', 'doctor', q.repeat.data])}, then {then}"
 
 
 def _describe_moved(q: TrainingQuality) -> str:
@@ -209,7 +214,7 @@ def judge_training(
     Args:
         metrics: of metrics.json: psnr, psnr_color_corrected, detail_median, detail_min,
             least_detailed, detail_shifted_median, detail_train, unseen, moving, moving_train,
-            patch_train, steps, evaluated_on.
+            patch_train, steps, evaluated_on, refinement.
         data, run: the dataset's and the run's path, for the next command.
         options: that the run was made with, which the next command keeps; None: the defaults.
         division: words of the command line that divided it into blocks.
@@ -218,21 +223,43 @@ def judge_training(
     """
     if metrics.get("psnr") is None:
         return Verdict("usable", "no view was held out, so nothing was measured")
-    detail = metrics["detail_median"]
+    detail, options = metrics["detail_median"], options or TrainOptions()
+    was_refined = accused is not None and getattr(options, f"refine_{accused['subject']}")
+    mending = [_describe_mending(metrics, accused["what"])] if accused and was_refined else []
     quality = TrainingQuality(
         detail=detail,
         shifted=metrics.get("detail_shifted_median", detail),
         train=metrics.get("detail_train"),
         moving=metrics.get("moving_train", 0.0),
         patch=metrics.get("patch_train", 0.0),
-        repeat=NextCommand(data, f"{run}-2", options or TrainOptions(), division),
-        accused=accused,
+        repeat=NextCommand(data, f"{run}-2", options, division),
+        accused=None if was_refined and _find_tracks(metrics)["refined"] else accused,
     )
     causes = find_faults(TRAINING_CHECKS, quality)[:1]
-    reasons = [fault.what for fault in (*causes, *find_faults(NOTES, metrics))]
+    notes = [fault.what for fault in find_faults(NOTES, metrics)]
+    reasons = [*(fault.what for fault in causes), *mending, *notes]
     advice = causes[0].advice if causes else format_command(["gsut", "view", run])
     level = Verdict.LEVELS[causes[0].severity if causes else 0]
     return Verdict(level, _describe(metrics), tuple(reasons), advice)
+
+
+def _find_tracks(metrics: Mapping[str, Any]) -> dict[str, Any]:
+    """Returns what tracks of features did to poses and lens; "refined": in how many views."""
+    return {"refined": 0, **metrics.get("refinement", {}).get("tracks", {})}
+
+
+def _describe_mending(metrics: Mapping[str, Any], wrong: str) -> str:
+    """Describes what refinement did to what the check before found wrong."""
+    tracks, found = _find_tracks(metrics), f"the check before the training found that {wrong}"
+    if not tracks["refined"]:
+        return f"{found}; that was not mended: {tracks.get('note', 'nothing was refined')}"
+    focal = tracks.get("focal_percent")
+    lens = "" if focal is None else f", the focal length changed by {focal:+.1f} %"
+    return (
+        f"{found}; tracks of features mended that: the poses of {tracks['refined']} views turned "
+        f"by {tracks['turned_degrees']:.2g} degrees and moved by {tracks['moved']:.2g} units "
+        f"(median){lens}, and observations are {tracks['error_px']:.2f} px off"
+    )
 
 
 def _describe(metrics: Mapping[str, Any]) -> str:

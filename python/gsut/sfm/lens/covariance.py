@@ -61,9 +61,10 @@ class LensCovariance:
         sigma = np.full(len(pixels), np.nan)
         if not valid.any():
             return sigma
-        by_point, by_params = camera.project_jacobian(rays[valid])
+        free = np.flatnonzero(self.basis.any(axis=1))
+        by_point, by_params = camera.project_jacobian(rays[valid], free)
         jacobian = np.concatenate(
-            [by_params @ self.basis, differentiate_by_turn(by_point, rays[valid])], 2
+            [by_params @ self.basis[free], differentiate_by_turn(by_point, rays[valid])], 2
         )
         spread = jacobian @ self.with_turn @ jacobian.transpose(0, 2, 1)
         known = np.isfinite(spread).all(axis=(1, 2))

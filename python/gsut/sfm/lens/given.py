@@ -39,12 +39,13 @@ def check_given_lens(mapping: Mapping) -> Mapping:
     if lens is None or mapping.rig is not None or not len(solution.points):
         return mapping
     flags = np.zeros(len(lens.params), np.uint8)
-    flags[find_focal_params(lens)] = TIED
+    focal = find_focal_params(lens)
+    flags[focal] = TIED
     pairs = keep_most_distinct(choose_connected_pairs(mapping.pairs, _IMAGES))
     try:
         free = _adjust(mapping, pairs, flags)
         (known,) = estimate_lens_covariances(free, flags, FEATURE_VARIANCE)
-        given, own = float(lens.params[0]), find_focal(free)
+        given, own = float(lens.params[focal[0]]), find_focal(free)
         agrees = abs(math.log(own / given)) <= FOCAL_LIMIT
         if not agrees:
             held = _adjust(mapping, pairs, None)
@@ -52,7 +53,7 @@ def check_given_lens(mapping: Mapping) -> Mapping:
             agrees = not found.is_rival
     except SolveError:  # nothing can be said
         return mapping
-    sigma = float(known.sigmas[0]) / own
+    sigma = float(known.sigmas[focal[0]]) / own
     figures = {
         "px": given, "images_px": own, "images_sigma_percent": 100 * sigma, "agrees": agrees,
     }  # fmt: skip

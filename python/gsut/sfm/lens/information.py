@@ -61,10 +61,11 @@ class WeightedObservations:
         for number, (camera, basis, end) in enumerate(
             zip(lenses.cameras, bases, ends, strict=True)
         ):
-            own, is_free = of_lens == number, basis is not None
-            by_p[own], by_params = camera.project_jacobian(p[own], with_params=is_free)
+            own = of_lens == number
+            chosen = False if basis is None else np.flatnonzero(basis.any(axis=1))
+            by_p[own], by_params = camera.project_jacobian(p[own], chosen)
             if basis is not None:
-                by_lens[own, :, end - basis.shape[1] : end] = by_params @ basis
+                by_lens[own, :, end - basis.shape[1] : end] = by_params @ basis[chosen]
         good = np.isfinite(by_p).all(axis=(1, 2)) & np.isfinite(solution.residuals).all(axis=1)
         self.rows = rows = np.flatnonzero(good if used is None else good & used)
         self.image, self.point, self.lens_of = image[rows], point[rows], of_lens[rows]

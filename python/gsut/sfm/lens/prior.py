@@ -112,8 +112,8 @@ def _find_prior(mapping: Mapping) -> FocalPrior | None:
 
 def find_focal(solution: Solution) -> float:
     """Returns the focal length in pixels that the one lens of a solution has."""
-    first = int(np.flatnonzero(solution.registered)[0])
-    return float(solution.cameras[first].params[0])
+    camera = solution.cameras[int(np.flatnonzero(solution.registered)[0])]
+    return float(camera.params[find_focal_params(camera)[0]])
 
 
 def _hold_focal(

@@ -1,0 +1,207 @@
+"""Hypotheses of lenses that were misread, or are of other photographs."""
+
+from __future__ import annotations
+
+import functools
+import itertools
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from gsut._core import InputError
+from gsut.judge.dataset import Dataset, Variants
+from gsut.judge.hypotheses import Hypothesis, Numbers, Rate, Variant, climb
+from gsut.lens import Camera
+
+# Factors on the image's size that programs resize by, and that a lens may not have followed.
+_SIZES = (0.25, 1 / 3, 0.5, 2 / 3, 0.75, 4 / 3, 1.5, 2.0, 3.0, 4.0)
+# Other orders of radial-tangential coefficients, and where OpenCV's k1 k2 p1 p2 k3 stand in them.
+_ORDERS = {"k1 k2 k3 p1 p2": (0, 1, 3, 4, 2), "p1 p2 k1 k2 k3": (2, 3, 0, 1, 4)}
+_WAS_NOT_UNDISTORTED = (
+    "give the lens file of the original photographs, or calibrate (gsut calibrate)"
+)
+
+
+def _change_lenses(
+    data: Dataset, change: Callable[[Camera], Camera | None], words: str = "", edit: str = ""
+) -> Variants:
+    """Yields the dataset with changed lenses, if each can be changed so."""
+    try:
+        changed = data.equip([change(camera) for camera in data.cameras])
+    except (InputError, ValueError, KeyError):
+        return
+    if changed is not None:
+        yield Variant(words, edit, changed)
+
+
+def _replace(camera: Camera, params: Numbers, model: str = "") -> Camera | None:
+    """Returns a lens with other numbers; None if it has not fx, fy, cx and cy first."""
+    if camera.param_names.split()[:4] != ["fx", "fy", "cx", "cy"]:
+        return None
+    return Camera(model or camera.model, list(params), camera.width, camera.height)
+
+
+def _scale(camera: Camera, focal: float = 1.0, center: float = 1.0) -> Camera | None:
+    p = np.array(camera.params)
+    return _replace(camera, [*(focal * p[:2]), *(center * p[2:4]), *p[4:]])
+
+
+def _is_pinhole(camera: Camera) -> bool:
+    named = camera.param_names.split()[:4] == ["fx", "fy", "cx", "cy"]
+    return named and not np.any(camera.params[4:])
+
+
+def _climb_lenses(
+    data: Dataset, rate: Rate, change: Callable[[Camera, np.ndarray], Camera | None],
+    starts: Sequence[Numbers], steps: Numbers,
+) -> np.ndarray:  # fmt: skip
+    def suppose(x: np.ndarray) -> Dataset | None:
+        found = list(_change_lenses(data, lambda c: change(c, x)))
+        return found[0].data if found else None
+
+    return climb(suppose, rate, starts, steps)
+
+
+def _suppose_exchanges(data: Dataset, _: Rate) -> Variants:
+    for one, two in itertools.combinations(range(len(data.cameras)), 2):
+        a, b = data.cameras[one], data.cameras[two]
+        if (a.width, a.height) == (b.width, b.height):
+            cameras = list(data.cameras)
+            cameras[one], cameras[two] = b, a
+            changed = data.equip(cameras)
+            if changed is not None:
+                yield Variant(f"{one} and {two}", "", changed)
+
+
+def _suppose_models(data: Dataset, _: Rate) -> Variants:
+    def as_fisheye(c: Camera) -> Camera | None:
+        is_radial = c.model.startswith("opencv") and not _is_pinhole(c)
+        return _replace(c, c.params[:8], "kannala_brandt") if is_radial else None
+
+    def as_radial(c: Camera) -> Camera | None:
+        return _replace(c, c.params[:8], "opencv4") if c.model == "kannala_brandt" else None
+
+    fisheye, radial = "a fisheye (Kannala-Brandt)", "a radial-tangential lens (OpenCV)"
+    yield from _change_lenses(data, as_fisheye, f"{fisheye} with these coefficients, not "
+                              "radial-tangential ones", "OPENCV_FISHEYE")  # fmt: skip
+    yield from _change_lenses(data, as_radial, f"{radial} with these coefficients, not a fisheye",
+                              "OPENCV")  # fmt: skip
+
+
+def _suppose_undistorted(data: Dataset, _: Rate) -> Variants:
+    def undistort(c: Camera) -> Camera | None:
+        return None if c.model == "pinhole" else _replace(c, c.params[:4], "pinhole")
+
+    yield from _change_lenses(data, undistort)
+
+
+def _suppose_orders(data: Dataset, _: Rate) -> Variants:
+    def reorder(c: Camera, order: tuple[int, ...]) -> Camera | None:
+        p = np.array(c.params)
+        if not c.model.startswith("opencv") or len(p) < 4 + len(order):
+            return None
+        p[4 : 4 + len(order)] = p[4 : 4 + len(order)][list(order)]
+        return _replace(c, p)
+
+    for name, order in _ORDERS.items():
+        yield from _change_lenses(data, functools.partial(reorder, order=order), name)
+
+
+def _suppose_signs(data: Dataset, _: Rate) -> Variants:
+    yield from _change_lenses(
+        data, lambda c: _replace(c, [*c.params[:4], *-np.array(c.params[4:])])
+    )
+
+
+def _place_center(camera: Camera, place: Callable[..., tuple[float, float]]) -> Camera | None:
+    p = np.array(camera.params)
+    return _replace(camera, [*p[:2], *place(camera, p), *p[4:]])
+
+
+def _suppose_centers(data: Dataset, _: Rate) -> Variants:
+    for words, edit, change in (
+        ("with cx and cy swapped", "swap cx and cy (and width and height, where they are swapped, "
+         "too)", lambda c, p: (p[3], p[2])),
+        ("mirrored in the image's middle", "cx = width - cx: the images were turned by 180 degrees "
+         "or mirrored after calibration", lambda c, p: (c.width - p[2], c.height - p[3])),
+        ("in the image's middle", "set cx, cy to half of width and height",
+         lambda c, p: (c.width / 2, c.height / 2)),
+        *((f"times {s:.3g}", f"multiply cx and cy by {s:.4g}: they are for images of another size",
+           lambda c, p, s=s: (s * p[2], s * p[3])) for s in _SIZES),
+    ):  # fmt: skip
+        yield from _change_lenses(data, functools.partial(_place_center, place=change), words, edit)
+
+
+def _suppose_sizes(data: Dataset, _: Rate) -> Variants:
+    for s in _SIZES:
+        yield from _change_lenses(data, functools.partial(_scale, focal=s, center=s), f"{s:.4g}",
+                                  f"{s:.4g}")  # fmt: skip
+
+
+def _suppose_focals(data: Dataset, rate: Rate) -> Variants:
+    def change(camera: Camera, x: np.ndarray) -> Camera | None:
+        return _scale(camera, float(np.exp(x[0])))
+
+    x = _climb_lenses(data, rate, change, [[k / 25] for k in range(-17, 18)], [0.02])
+    words = f"{np.exp(x[0]):.3f}"
+    yield from _change_lenses(data, lambda c: change(c, x), words, words)
+
+
+def _distort(camera: Camera, x: np.ndarray, model: str) -> Camera | None:
+    return _replace(camera, [*camera.params[:4], x[0], 0, 0, 0], model)
+
+
+def _suppose_distortions(data: Dataset, rate: Rate) -> Variants:
+    if not all(_is_pinhole(camera) for camera in data.cameras):
+        return
+    for words, model, starts in (
+        ("a fisheye", "kannala_brandt", (-0.05, 0.0, 0.05)),
+        ("a lens with distortion", "opencv4", (-0.4, -0.2, -0.1, 0.1)),
+    ):
+        change = functools.partial(_distort, model=model)
+        x = _climb_lenses(data, rate, change, [[k] for k in starts], [0.04])
+        yield from _change_lenses(data, functools.partial(change, x=x), words)
+
+
+def _suppose_crops(data: Dataset, rate: Rate) -> Variants:
+    def change(camera: Camera, x: np.ndarray) -> Camera | None:
+        p = np.array(camera.params)
+        return _replace(camera, [*p[:2], *(p[2:4] + x), *p[4:]])
+
+    side = data.cameras[0].width / 10
+    starts = [(0.5, 0.5), (-0.5, -0.5), *itertools.product((-side, 0.0, side), repeat=2)]
+    x = _climb_lenses(data, rate, change, starts, [side / 2, side / 2])
+    x = _climb_lenses(data, rate, change, [x], [1.0, 1.0])
+    params = np.array(data.cameras[0].params)[2:4] + x
+    edit = f"cx = {params[0]:.1f}, cy = {params[1]:.1f}"
+    if np.abs(np.abs(x) - 0.5).max() < 0.25 and x[0] * x[1] > 0:
+        edit += f" ({'add 0.5 to' if x[0] > 0 else 'subtract 0.5 from'} cx and cy: OpenCV, Kalibr "
+        edit += "and mrcal put (0, 0) at the centre of the top-left pixel, here it is (0.5, 0.5))"
+    yield from _change_lenses(data, lambda c: change(c, x), f"cx {x[0]:+.2f} and cy {x[1]:+.2f}",
+                              edit)  # fmt: skip
+
+
+LENS_ERRORS: tuple[Hypothesis[Dataset], ...] = (
+    Hypothesis("the lenses of cameras {} exchanged", "exchange their lenses", "lens",
+               _suppose_exchanges),
+    Hypothesis("{}", 'name the model: camera_model "{}"', "lens", _suppose_models),
+    Hypothesis("a lens without distortion: they have been undistorted",
+               "give the lens that the undistorted photographs have (pinhole, no k), or the "
+               "originals", "lens", _suppose_undistorted),
+    Hypothesis("coefficients in the order {}, not k1 k2 p1 p2 k3",
+               "write the coefficients in OpenCV's order, k1 k2 p1 p2 k3, or by their names",
+               "lens", _suppose_orders),
+    Hypothesis("distortion of the other sign",
+               "the coefficients undistort where they should distort: change their signs, or take "
+               "them from the calibration as it was written", "lens", _suppose_signs),
+    Hypothesis("a principal point {}", "{}", "lens", _suppose_centers),
+    Hypothesis("focal length and principal point times {}: the lens is for images of another size",
+               "multiply fx, fy, cx and cy by {}, or give the width and height they are for",
+               "lens", _suppose_sizes),
+    Hypothesis("a focal length times {}", "multiply fx and fy by about {}, or calibrate anew",
+               "lens", _suppose_focals, free=1),
+    Hypothesis("{}: they are not undistorted, as the lens says", _WAS_NOT_UNDISTORTED, "lens",
+               _suppose_distortions, free=1),
+    Hypothesis("{} pixels: the photographs are a crop",
+               "keep fx and fy; {}", "lens", _suppose_crops, free=2),
+)  # fmt: skip
