@@ -35,13 +35,15 @@ _NAMES = {
     "poses or the lens are wrong": "poses or lens",
     "wrong poses or a wrong lens": "poses or lens",
     "too few photographs": "few photographs",
-    ": something moved": "movers",
+    "something moved": "movers",
     "steps and Gaussians are few": "steps or Gaussians",
     "moved past": "movers",
 }
 
 # Of metrics.json, that a verdict is made from.
-_FIGURES = ("detail_median", "detail_train", "detail_shifted_median", "psnr", "moving_train")
+_FIGURES = (
+    "detail_median", "detail_train", "detail_shifted_median", "psnr", "moving_train", "patch_train",
+)  # fmt: skip
 
 Values = dict[str, Any]
 Change = Callable[[Values, Path, np.random.Generator], None]

@@ -23,10 +23,21 @@ _COARSE_PX = 1.0
 _FEW_WEIGHTS = 1e-6
 # Contrast-structure term above which a detail is right: half of a perfect one.
 _RIGHT = 0.5
+# Share of the photograph's contrast, a darker picture apart, below which a detail is veiled:
+# between fog that hides little (0.7) and a ghost (0.5).
+_VEILED = 0.55
+# Standard deviation, of `_COARSE`, of the window in which that is measured: a blur leaves it.
+_WIDE = 4.0
 # Standard deviation in pixels of what is taken away before pictures are registered: their level.
 _LEVEL = 5.0
+_PLAIN = 1e-5  # variance of brightness that is rounding
 # Side in pixels below which pictures are not registered.
 _SMALLEST = 16
+_CELLS = 20  # along a picture's longer side, in which detail is counted to find a wrong patch
+_FEW_DETAILS = 0.1  # share of such pixels that must have contrast
+_FAR_BELOW = 0.35  # by which a wrong cell shows less of its detail than the whole picture
+# Share of the picture from which a patch is found: somebody far away, and no single cell.
+_SMALLEST_PATCH = 0.02
 
 
 def measure_detail(photograph: np.ndarray, image: np.ndarray, mask: np.ndarray) -> float:
@@ -45,8 +56,8 @@ def measure_detail(photograph: np.ndarray, image: np.ndarray, mask: np.ndarray) 
 
 def measure_details(
     photograph: np.ndarray, image: np.ndarray, mask: np.ndarray
-) -> tuple[float, float]:
-    """Measures the detail that is right as it is, and after the render is shifted as a whole.
+) -> tuple[float, float, float]:
+    """Measures the detail that is right, also after a shift, and the largest patch that is wrong.
 
     Where a pose or a lens is wrong, a shift brings detail back; blur, holes and what moved it does
     not mend.
@@ -55,16 +66,18 @@ def measure_details(
         photograph, image, mask: see `measure_detail`.
 
     Returns:
-        The result of `measure_detail`, and the detail of the render shifted by what phase
-        correlation finds; the first again if that is more.
+        The result of `measure_detail`; the detail of the render shifted by what phase correlation
+        finds, the first again if that is more; and the share of the picture that the largest
+        connected patch takes in which far less detail is right than in the whole picture.
     """
     import cv2
 
     truth, shown = _average_photograph(photograph), _average_channels(image)
     detail = _Detail(truth, mask)
     plain = detail.measure(shown)
+    patch = detail.measure_wrong_patch(shown)
     if min(mask.shape) < _SMALLEST:
-        return plain, plain
+        return plain, plain, patch
     weight = mask.astype(np.float32)
 
     def flatten(grey: np.ndarray) -> np.ndarray:
@@ -76,7 +89,7 @@ def measure_details(
     (right, down), _ = cv2.phaseCorrelate(flatten(shown), flatten(truth), window)
     move = np.array([[1, 0, right], [0, 1, down]], np.float32)
     shifted = cv2.warpAffine(shown, move, size, borderMode=cv2.BORDER_REPLICATE)
-    return plain, max(plain, detail.measure(shifted))
+    return plain, max(plain, detail.measure(shifted)), patch
 
 
 class _Detail:
@@ -94,26 +107,78 @@ class _Detail:
         self._coarse = max(_COARSE_PX, _COARSE * max(self._size))
         self._weights_nearby = _average(self._weight, self._coarse)
         self._truth = self._flatten(truth)
+        self._bright = self._resize(truth)
         self._mean, self._variance = _measure_contrast(self._truth)
         counts = _average(self._weight) > 1 - 1e-3
         detail = counts & (self._variance > _CONTRAST**2)
         chosen = (each for each in (detail, counts) if each.any())
-        self._chosen = next(chosen, np.ones_like(counts))
+        self.chosen = next(chosen, np.ones_like(counts))
 
-    def measure(self, shown: np.ndarray) -> float:
-        """Measures the share that a render's brightness (H, W) shows, see `measure_detail`."""
+    def find_right(self, shown: np.ndarray) -> np.ndarray:
+        """Finds (h, w) where a render's brightness (H, W) shows what the photograph does."""
+        is_clear = self._compare_contrast(self._resize(shown))
         shown = self._flatten(shown)
         mean, variance = _measure_contrast(shown)
         covariance = _average(self._truth * shown) - self._mean * mean
         least = _CONTRAST**2
-        right = (2 * covariance + least) / (self._variance + variance + least) > _RIGHT
-        return float(right[self._chosen].mean())
+        term = (2 * covariance + least) / (self._variance + variance + least)
+        return is_clear & (term > _RIGHT)
+
+    def measure(self, shown: np.ndarray) -> float:
+        """Measures the share that a render's brightness (H, W) shows, see `measure_detail`."""
+        return float(self.find_right(shown)[self.chosen].mean())
+
+    def measure_wrong_patch(self, shown: np.ndarray) -> float:
+        """Measures the share of the picture in the largest wrong patch, see `measure_details`."""
+        import cv2
+
+        right, chosen = self.find_right(shown) & self.chosen, self.chosen
+        side = -(-max(chosen.shape) // _CELLS)
+
+        def count(pixels: np.ndarray) -> np.ndarray:
+            """Counts the pixels in each cell and its neighbours."""
+            places = (np.arange(0, length, side) for length in pixels.shape)
+            cells = pixels.astype(np.float64)
+            for axis, starts in enumerate(places):
+                cells = np.add.reduceat(cells, starts, axis)
+            return cv2.boxFilter(cells, -1, (3, 3), normalize=False, borderType=cv2.BORDER_CONSTANT)
+
+        details = count(chosen)
+        is_wrong = count(right) < (right.sum() / chosen.sum() - _FAR_BELOW) * details
+        is_wrong &= details > _FEW_DETAILS * count(np.ones_like(chosen))
+        areas = cv2.connectedComponentsWithStats(is_wrong.astype(np.uint8), connectivity=4)[2]
+        share = areas[1:, cv2.CC_STAT_AREA].max(initial=0) / is_wrong.size
+        return float(share) if share >= _SMALLEST_PATCH else 0.0
+
+    def _compare_contrast(self, shown: np.ndarray) -> np.ndarray:
+        """Finds (h, w) where brightness varies as in the photograph, by its share of the whole.
+
+        Wider surroundings than those of the structure: a blur keeps the contrast of these.
+        """
+        inside = self._weight > 0
+        brightness = np.median(shown[inside]) / max(float(np.median(self._bright[inside])), 1 / 255)
+        brightness = min(1.0, float(brightness))
+        covariance, variance = (
+            self._average_wide(self._bright * other)
+            - self._average_wide(self._bright) * self._average_wide(other)
+            for other in (shown, self._bright)
+        )
+        return covariance + _PLAIN > _VEILED * brightness * variance
+
+    def _average_wide(self, picture: np.ndarray) -> np.ndarray:
+        """Averages wide surroundings inside the mask."""
+        return _average(picture * self._weight, _WIDE * self._coarse) / np.maximum(
+            _average(self._weight, _WIDE * self._coarse), _FEW_WEIGHTS
+        )
 
     def _flatten(self, picture: np.ndarray) -> np.ndarray:
         """Takes the mean of the surroundings inside the mask away."""
+        return (self._resize(picture) - self._average_nearby(picture)) * self._weight
+
+    def _average_nearby(self, picture: np.ndarray) -> np.ndarray:
+        """Averages the surroundings inside the mask."""
         inside = self._resize(picture) * self._weight
-        level = _average(inside, self._coarse) / np.maximum(self._weights_nearby, _FEW_WEIGHTS)
-        return inside - level * self._weight
+        return _average(inside, self._coarse) / np.maximum(self._weights_nearby, _FEW_WEIGHTS)
 
     def _resize(self, picture: np.ndarray) -> np.ndarray:
         import cv2

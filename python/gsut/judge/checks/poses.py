@@ -162,7 +162,7 @@ POSES_CHECKS: tuple[Check[PosesQuality], ...] = (
         "images that few points hold",
         lambda q: (q.images - q.registered + q.held_by_few) / max(1, q.images)
         if q.held_by_few else 0.0,
-        _SOME_LOST, _MANY_LOST,
+        _SOME_LOST, math.inf,
         lambda q: f"{q.held_by_few} of {q.images} images are held by few points", _ADD_LINKS,
     ),
     Check(

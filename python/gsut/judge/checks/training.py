@@ -31,7 +31,7 @@ SHIFT_GAIN = 0.03
 _LEFT_OUT = {"unseen": "no training view saw", "moving": "moved"}
 # Share of the training pixels from which what moved is named.
 _MOVING = 0.02
-# The same from which it is named as a possible cause: most of what moves slowly is not found.
+# The same from which it is named as a possible cause.
 _MAY_MOVE = 0.001
 # Gain by corrected colours, in dB, from which differing exposure deserves a note.
 _COLORS_DB = 2.0
@@ -45,6 +45,7 @@ class TrainingQuality:
         detail, shifted: of held-out views, see `evaluate`.
         train: detail of training views; None: no other views were measured.
         moving: share of the training pixels that show what moved.
+        patch: share of a training view in which far less detail is right than elsewhere.
         repeat: the training, as a command that repeats it with one change.
         accused: what the check before the training says is wrong; None: nothing.
     """
@@ -53,8 +54,13 @@ class TrainingQuality:
     shifted: float
     train: float | None
     moving: float
+    patch: float
     repeat: NextCommand
     accused: Mapping[str, str] | None
+
+    def has_moved(self) -> bool:
+        """Returns whether what moved spoils the scene: most of what moves slowly is not found."""
+        return self.moving >= _MOVING or (self.moving >= _MAY_MOVE and self.patch > 0)
 
     def is_lost_between(self) -> bool:
         """Returns whether held-out views lose more than training views have lost."""
@@ -115,14 +121,16 @@ def _choose_step_on_wrong(q: TrainingQuality) -> str:
     return f"{format_command(['gsut', 'doctor', q.repeat.data])}, then {then}"
 
 
+def _describe_moved(q: TrainingQuality) -> str:
+    where = f" in a patch of {100 * q.patch:.0f} % of the pictures" if q.patch > 0 else ""
+    return f"something moved{where}"
+
+
 def _describe_between(q: TrainingQuality) -> str:
     train = q.train or 0.0
     sharp = "sharp" if train >= GOOD else "far sharper"
     cause = "between them are too few photographs"
-    if q.moving >= _MOVING:
-        cause = "something moved"
-    elif q.moving >= _MAY_MOVE:
-        cause += ", or something moved"
+    cause += ", or something moved" if q.moving >= _MAY_MOVE else ""
     return f"training views are {sharp} ({100 * train:.0f} % of their detail): {cause}"
 
 
@@ -137,6 +145,10 @@ TRAINING_CHECKS: tuple[Check[TrainingQuality], ...] = (
         lambda q: f"renders stand beside their photographs (shifted, {100 * q.shifted:.0f} % of "
         f"the detail is right): {_name_wrong(q, 'poses or the lens are wrong')}",
         _choose_step_on_wrong,
+    ),
+    Check(
+        "movers", lambda q: q.count_lost(q.has_moved()), 1 - GOOD, 1 - POOR, _describe_moved,
+        "photograph again while nothing moves",
     ),
     Check(
         "between photographs", lambda q: q.count_lost(q.is_lost_between()), 1 - GOOD, 1 - POOR,
@@ -202,7 +214,7 @@ def judge_training(
     Args:
         metrics: of metrics.json: psnr, psnr_color_corrected, detail_median, detail_min,
             least_detailed, detail_shifted_median, detail_train, unseen, moving, moving_train,
-            steps, evaluated_on, refinement.
+            patch_train, steps, evaluated_on, refinement.
         data, run: the dataset's and the run's path, for the next command.
         options: that the run was made with, which the next command keeps; None: the defaults.
         division: words of the command line that divided it into blocks.
@@ -219,6 +231,7 @@ def judge_training(
         shifted=metrics.get("detail_shifted_median", detail),
         train=metrics.get("detail_train"),
         moving=metrics.get("moving_train", 0.0),
+        patch=metrics.get("patch_train", 0.0),
         repeat=NextCommand(data, f"{run}-2", options, division),
         accused=None if was_refined and _find_tracks(metrics)["refined"] else accused,
     )

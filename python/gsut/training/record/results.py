@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import statistics
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
@@ -102,6 +103,7 @@ def measure_training(
         how: dict[str, Any] = {"background": background, "light": light}
         trained = evaluate(gaussians, scene, some, find_moving=movers.scale_mask, **how)
         metrics |= {f"{key}_train": trained[key] for key in ("psnr", "detail")}
+        metrics["patch_train"] = statistics.median(row["patch"] for row in trained["views"])
     metrics["notes"] += loop.notes
     if loop.refiner is not None:
         metrics["refinement"] = loop.refiner.summarize()
