@@ -15,7 +15,6 @@ from gsut.judge.preference import (
     Matches,
     Preference,
     Structure,
-    estimate_noise,
     prefer,
     score_errors,
 )
@@ -34,7 +33,6 @@ __all__ = [
     "Structure",
     "Variant",
     "compute_readout_poses",
-    "estimate_noise",
     "find_best_variants",
     "find_readout_moments",
     "list_signed_permutations",

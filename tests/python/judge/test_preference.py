@@ -5,7 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
-from gsut.judge import Matches, Structure, estimate_noise, prefer, score_errors
+from gsut.judge import Matches, Structure, prefer, score_errors
+from gsut.judge.preference import estimate_noise
 from tolerances.judge import ESTIMATED_NOISE, ESTIMATED_SHARE
 
 IMAGES, MATCHES, EXTENT = 8, 40, 350.0
