@@ -171,6 +171,7 @@ PlyGaussianReader::PlyGaussianReader(const std::string& path)
 
 std::int64_t PlyGaussianReader::Read(const GaussiansView<float>& out) {
   CheckGaussians(out.AsConst());
+  // The arrays are those that size() and sh_coefficients() said.
   if (out.size != size_ || out.sh_coefficients != sh_coefficients_) {
     throw InputError(path_ + ": the arrays have " + std::to_string(out.size) + " rows of " +
                      std::to_string(out.sh_coefficients) + " coefficients; the file has " +
@@ -248,6 +249,7 @@ void PutPly(const GaussiansView<const float>& gaussians, const std::vector<std::
   int properties = 0;
   const int scales = surfels ? 2 : 3;
   const std::string header = GaussianHeader(gaussians, announced, comments, scales, &properties);
+  // Parts of one file have one header, that of all of them.
   if (announced >= 0) put(header.data(), header.size());
   // Rows written at a time: about a megabyte.
   constexpr std::int64_t kBlockRows = 4096;
@@ -266,6 +268,7 @@ void PutPly(const GaussiansView<const float>& gaussians, const std::vector<std::
 
 void WritePly(const std::string& path, const GaussiansView<const float>& gaussians,
               const std::vector<std::string>& comments, bool surfels) {
+  // Nothing takes the old file's place before all rows are written and flushed.
   WholeFile file(path);
   PutPly(gaussians, comments, surfels, gaussians.size,
          [&](const char* data, std::size_t size) { file.Write(data, size); });
