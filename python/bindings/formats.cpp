@@ -58,6 +58,7 @@ void WritePlyRows(int descriptor, const py::object& gaussians,
   {
     const py::gil_scoped_release release;
     PutPly(view, comments, surfels, announced, [&](const char* data, std::size_t size) {
+      // A write may take a part only, and a signal may end it before its first byte.
       while (size > 0 && failed == 0) {
         const auto done = write(descriptor, data, static_cast<unsigned>(size));
         if (done < 0 && errno != EINTR) failed = errno;
@@ -68,6 +69,7 @@ void WritePlyRows(int descriptor, const py::object& gaussians,
     });
   }
   if (failed == 0) return;
+  // As Python's own writers fail: gsut.files makes the sentence that names the file.
   errno = failed;
   PyErr_SetFromErrno(PyExc_OSError);
   throw py::error_already_set();

@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import gc
 import itertools
 import os
 import re
@@ -341,6 +342,7 @@ def main(name: str, folder: str, every: str) -> None:
         signal.setitimer(signal.ITIMER_PROF, 2 * SECONDS)  # ends the process
         print(repr(try_kind(reader, path))[1:-1], flush=True)
         signal.setitimer(signal.ITIMER_PROF, 0)
+        gc.collect()  # frames of films, which hold themselves and threads
     os._exit(0)  # not after threads that the memory was too small for
 
 

@@ -16,11 +16,13 @@ _PREVIEWS = ("thumbs", "thumbnails", "thumbnail", "__macosx", "previews", "lost+
 _HIDDEN = (".", "@", "#", "$")  # first letters of names that systems keep for themselves
 _MASK_FOLDERS = ("masks", "mask")
 # Small copies of films that cameras make for their screens and for editing.
-_PROXY_NAME = re.compile(r".*\.(?:lrv|lrf)|lrv_.*|.*_proxy\..*", re.IGNORECASE)
+_PROXY_NAME = re.compile(r"\.lr[vf]|^lrv_|_proxy\.", re.IGNORECASE)
 # A mask is called as its photograph, with one of these words behind its stem, or before it.
-_MASK_NAME = re.compile(r"(?:(.+)[._ -]masks?|masks?[._ -](.+))", re.IGNORECASE)
+_MASK_NAME = re.compile(r"^(?:(.+)[._ -]masks?|masks?[._ -](.+))", re.IGNORECASE)
 # What programs put behind the stem of a copy: "IMG (1)", "IMG - Copy", "IMG copy 2".
-_COPY_NAME = re.compile(r"(.+?)[ _-]*(?:\(\d+\)|(?:- )?(?:copy|copie|kopie|copia)\b.*)", re.I)
+_COPY_NAME = re.compile(
+    r"^(.+?)(?<![ _-])[ _-]*(?:\(\d+\)|(?:- )?(?:copy|copie|kopie|copia)\b.*)", re.IGNORECASE
+)
 
 
 @dataclasses.dataclass
@@ -66,7 +68,7 @@ def list_folder(folder: Path) -> Found:
     kinds = {} if inner.is_dir() else _find_kinds(found.root, "*")
     kinds = kinds or _find_kinds(found.root, "**/*")
     films = [path for path, kind in kinds.items() if kind == "video"]
-    whole = [path for path in films if not _PROXY_NAME.match(path.name)]
+    whole = [path for path in films if not _PROXY_NAME.search(path.name)]
     found.films = whole or films
     pictures = [path for path, kind in kinds.items() if kind == "picture"]
     stems = {path.with_suffix("") for path in pictures}

@@ -29,14 +29,22 @@ def find_quarter_turns(frame: Any) -> int:
     return round(frame.rotation / 90) % 4 if abs(frame.rotation) <= 360 else 0
 
 
-def show_upright(picture: np.ndarray, frame: Any) -> np.ndarray:
-    """Turns, and mirrors, a frame's picture as the file's display matrix says."""
-    turns = find_quarter_turns(frame)
+def is_mirrored(frame: Any) -> bool:
+    """Returns whether a frame's display matrix mirrors it.
+
+    To be asked of one frame of a film: what holds a frame's side data keeps the frame in memory.
+    """
     given = [bytes(each) for each in frame.side_data if each.type.name == "DISPLAYMATRIX"]
-    if given and len(given[0]) == _MATRIX.size:
-        a, b, _, c, d, *_ = _MATRIX.unpack(given[0])
-        if a * d < b * c:  # a mirror image: its angle is that of the mirrored picture, and a half
-            picture, turns = picture[:, ::-1], turns + 2
+    if not given or len(given[0]) != _MATRIX.size:
+        return False
+    a, b, _, c, d, *_ = _MATRIX.unpack(given[0])
+    return a * d < b * c
+
+
+def show_upright(picture: np.ndarray, turns: int, mirrored: bool) -> np.ndarray:
+    """Turns a frame's picture counterclockwise by quarter turns, and mirrors it."""
+    if mirrored:  # its angle is that of the mirrored picture, and a half
+        picture, turns = picture[:, ::-1], turns + 2
     return np.ascontiguousarray(np.rot90(picture, turns))
 
 

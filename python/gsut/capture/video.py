@@ -20,7 +20,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.capture.boxes import check_tables, is_without_index, open_slice, split_films
-from gsut.capture.streams import find_quarter_turns, is_woven, list_films, show_upright
+from gsut.capture.streams import find_quarter_turns, is_mirrored, is_woven, list_films, show_upright
 from gsut.files import check_regular, find_kind, open_binary, register_reader
 
 # GoPro's firmware names since HERO9; before, HD8 is HERO8.
@@ -104,10 +104,12 @@ class Video:
         self._curve = _BRIGHT_CURVES.get(stream.codec_context.color_trc, "")
         self.width, self.height = _stretch_size(stream, self.stretch)
         self._shape: tuple[int, int, int] | None = None
+        self._is_mirrored = False
         first = next(self._frames, None)
         if first is not None:
             self._frames = itertools.chain([first], self._frames)
             self._shape = _find_shape(first[1])
+            self._is_mirrored = is_mirrored(first[1])
             self.width, self.height = _stretch_size(first[1], self.stretch)
         if self._other is not None:
             self.width *= 2  # whose frames are not turned
@@ -146,7 +148,7 @@ class Video:
         if len(pictures) == 1:
             self._converted += 1
             self._woven += is_woven(pictures[0])
-            return show_upright(pictures[0], frames[0])
+            return show_upright(pictures[0], find_quarter_turns(frames[0]), self._is_mirrored)
         return np.hstack(pictures) if pictures[0].shape == pictures[1].shape else None
 
     def list_notes(self, count: int) -> list[str]:
