@@ -45,7 +45,7 @@ REFUSED = {
     "eval absent": "no such folder",
     "eval data": "holds no run",
     "render run --data moved": "the dataset moved does not exist",
-    "render run --path absent.json": "cannot read the camera path",
+    "render run --path absent.json": "absent.json: cannot be opened",
     "train data -o ''": "the name is empty",
     "poses data -o ''": "the name is empty",
     "doctor ''": "after doctor the name is empty",
