@@ -21,6 +21,7 @@ from pathlib import Path
 from folder_snapshot import take_snapshot
 from gsut.cli import main
 from gsut.files import UNFINISHED
+from gsut.terminal import escape_controls
 from lab.attack.world import copy_needs, enter_folder
 
 Spoil = Callable[[Path], object]
@@ -174,7 +175,7 @@ def find_disagreement(doctor: Case, train: Case, world: Path, scratch: Path) -> 
     if not found.output:  # there is no dataset to look at
         return None if found.errors.splitlines()[-1] == sentence else f"others: {found.errors}"
     errors = [each for each in json.loads(found.output) if each["severity"] == "error"]
-    same = [" ".join(e["what"].split()) in sentence for e in errors]
+    same = [escape_controls(" ".join(e["what"].split())) in sentence for e in errors]
     return None if any(same) else f"other words: {sentence} {errors}"
 
 

@@ -16,6 +16,7 @@ from gsut.files import (
     check_shape,
     claim_name,
     copy_file,
+    read_text,
     refuse_existing,
     to_file_name,
     whole_file,
@@ -162,3 +163,10 @@ def test_equirectangular_camera_of_a_picture_that_is_no_panorama_is_refused():
         fit_camera(camera, 640, 480, Path("a.png"))
     panorama = gsut.Camera("equirectangular", [], 640, 320)
     assert fit_camera(panorama, 320, 160, Path("a.png")).width == 320
+
+
+def test_text_of_zeros_is_not_text(tmp_path):
+    path = tmp_path / "lens.yaml"
+    path.write_bytes(bytes(64))
+    with pytest.raises(InputError, match=r"lens\.yaml: is not text \(character 0 is 0\)"):
+        read_text(path)

@@ -165,6 +165,10 @@ def train_into(
             )
             if page is not None:
                 page.finish(result)
+    except gsut.InputError:
+        if is_new and not run.has_run():  # nothing began: leave nothing behind
+            (run.path / RunFile.FINDINGS).unlink(missing_ok=True)
+        raise
     except KeyboardInterrupt as interrupt:
         kept = [] if blocks is None else blocks.list_words("blocks")
         resumed = ["--resume"] if run.has_run() else []

@@ -112,6 +112,8 @@ def decode_text(content: bytes, where: object, *, fails: Fails = FileError) -> s
     """
     try:
         text = content.decode("utf-8-sig")
+        if (zero := text.find("\0")) >= 0:
+            raise fails(where, f"is not text (character {zero} is 0)", "save the file as UTF-8")
     except UnicodeDecodeError as error:
         is_utf16 = content.startswith(_UTF16) and len(content) % 2 == 0
         what = "is UTF-16 text" if is_utf16 else f"is not text (byte {error.start} is not UTF-8)"
