@@ -88,7 +88,7 @@ class Evidence:
         return _NOISE * self.diagonal
 
     @functools.cached_property
-    def _given_rays(self) -> tuple[np.ndarray, np.ndarray]:
+    def _rays_of_data(self) -> tuple[np.ndarray, np.ndarray]:
         return self._find_rays(self.given.cameras)
 
     def _find_rays(self, cameras: tuple[Camera, ...]) -> tuple[np.ndarray, np.ndarray]:
@@ -118,7 +118,7 @@ class Evidence:
         how far the distances disagree that the images before and after give.
         """
         is_given = data.cameras is self.given.cameras
-        rays, density = self._given_rays if is_given else self._find_rays(data.cameras)
+        rays, density = self._rays_of_data if is_given else self._find_rays(data.cameras)
         moments = self.moments if data.poses.shape[1] > 1 else 0
         poses = data.poses[self.views, moments]
         with np.errstate(invalid="ignore"):
@@ -181,7 +181,7 @@ class Evidence:
 
     def triangulate(self) -> np.ndarray:
         """Returns the points (N, 3) of matches that fit the given dataset, in the world."""
-        rays, density = self._given_rays
+        rays, density = self._rays_of_data
         moments = self.moments if self.given.poses.shape[1] > 1 else 0
         poses = self.given.poses[self.views, moments]
         distance, sine = triangulate_distances(rays, poses)

@@ -45,13 +45,19 @@ def places(tmp_path_factory):
     return {"DATA": str(data)}
 
 
+def fill_places(line, places, folder):
+    """Writes the paths of data and results into a command."""
+    for key, value in (*places.items(), ("OUT", str(folder / "out"))):
+        line = line.replace(key, value)
+    return line
+
+
 @pytest.mark.parametrize("name", COMMANDS)
 def test_a_contradiction_stops_the_command_before_it_spends_time(
     name, places, tmp_path, monkeypatch, capsys
 ):
     line, module, spends = COMMANDS[name]
-    for key, value in (*places.items(), ("OUT", str(tmp_path / "out"))):
-        line = line.replace(key, value)
+    line = fill_places(line, places, tmp_path)
     looked = []
 
     def contradict(scene, evidence):
@@ -113,8 +119,7 @@ def test_a_warning_of_the_doctor_is_shown_before_the_command_spends_time(
     name, places, tmp_path, monkeypatch, capsys
 ):
     line, module, spends = COMMANDS[name]
-    for key, value in (*places.items(), ("OUT", str(tmp_path / "out"))):
-        line = line.replace(key, value)
+    line = fill_places(line, places, tmp_path)
     monkeypatch.setattr(dataset, "check_photographs", lambda *_: [WARNING])
     monkeypatch.setattr(importlib.import_module(module), spends, spend)
     for words, shown in (([], True), (["--quiet"], False)):
