@@ -23,12 +23,15 @@ _MODES = ("color", "distance", "alpha", "error")
 # Colours that the page maps distances and errors to, as the viewer does.
 _COLOR_MAPS = ("turbo", "inferno")
 # The page's scripts, in the order in which they run.
-_SCRIPTS = ("exact/core.js", "exact/card.js", "exact/page_server.js", "view.js")
+_SCRIPTS = (
+    "exact/core.js", "exact/card.js", "exact/moving.js", "exact/page_server.js", "view.js",
+)  # fmt: skip
 # Texts that the page hands on, by the id of their element: workers run a script of the page again
 # and one of their own, a graphics card runs the shaders.
 _TEXTS = {
     "core-code": "exact/core.js", "worker-code": "exact/worker.js",
-    "shaders": "exact/forward.wgsl",
+    "shaders": "exact/forward.wgsl", "moving-shader": "exact/moving.glsl",
+    "order-code": "exact/order.js",
 }  # fmt: skip
 # The page may load nothing: scripts, styles, pictures and workers are its own.
 _POLICY = (

@@ -1,5 +1,6 @@
 // Answers the viewer's page inside the page itself: the scene, lenses and photographs of this file, drawn
-// by the C++ core as WebAssembly in workers. What gsut view answers over HTTP, with the same names.
+// by the C++ core as WebAssembly in workers and, while the eye moves, by WebGL 2 where there is one. What
+// gsut view answers over HTTP, with the same names.
 "use strict";
 // Threads beyond which copies of the scene cost more than they gain.
 const MOST_WORKERS = 4;
@@ -50,7 +51,7 @@ function readScene(bytes) {
     const from = 3 * (coefficients - 1);
     for (let k = 0; k < from; k++) sh[3 * coefficients * i + 3 + k] = (rest[from * i + k] - 128) / 128;
   }
-  return { size, coefficients, parts: [means, quats, Float32Array.from(scales, (byte) => byte / 16 - 10), logits, sh] };
+  return { size, coefficients, stored: { colors, rest }, parts: [means, quats, Float32Array.from(scales, (byte) => byte / 16 - 10), logits, sh] };
 }
 
 // --- poses: 4 x 4 in rows -------------------------------------------------------------------------
@@ -122,8 +123,27 @@ class PageServer {
       const send = (task, values) => new Promise((resolve, reject) => { waiting.set(++number, [resolve, reject]); worker.postMessage({ id: number, task, values }); });
       return { send, share: 1 / count };
     });
-    await Promise.all(this.workers.map(({ send }) => send("start", { bytes, ...this.gaussians })));
+    const { size, coefficients, parts } = this.gaussians;
+    await Promise.all(this.workers.map(({ send }) => send("start", { bytes, size, coefficients, parts })));
     this.card = await this.findCard();
+    this.moving = this.findMoving();
+  }
+
+  findMoving() { // null where there is no WebGL 2: the workers draw small frames
+    try { return MovingPicture.find(part("moving-shader").textContent, part("order-code").textContent, this.gaussians); } catch (error) {
+      console.info(`a moving picture is small: ${error.message}`);
+      return null;
+    }
+  }
+  isSmooth({ mode, lens }) { return Boolean(this.moving) && !this.moving.lost && mode === "color" && this.isCentral(this.lenses[lens]); }
+  async drawMoving(values, turns) { // by WebGL 2
+    const { width, height } = values, lens = this.lenses[values.lens], began = performance.now();
+    let picture = await this.moving.draw(this.core, lens, placeAbout(values.pose, this.content.origin), width, height, this.content.background);
+    if (values.marks?.length) {
+      picture = turnedPicture(picture, 0);
+      this.drawMarks(picture.getContext("2d"), this.resize(values.lens, width, height), values);
+    }
+    return { picture: turns ? turnedPicture(picture, turns) : picture, span: null, way: `${Math.round(performance.now() - began)} ms, WebGL 2` };
   }
 
   async findCard() { // null where there is none, or it has no room: the workers draw
@@ -285,6 +305,7 @@ class PageServer {
   async frame(wish) {
     await this.ready;
     const values = asStored(wish), turns = wish.turns ?? 0;
+    if (values.moving && this.isSmooth(values)) return this.drawMoving(values, turns);
     const began = performance.now(), drawn = await this.draw(values, values.mode === "distance"), { width, height } = drawn;
     const data = new ImageData(width, height), out = data.data;
     const span = values.mode === "distance" ? this.colorDistances(drawn, out) : values.mode === "error" ? await this.colorErrors(drawn, values.view, turns, out) : null;
