@@ -239,12 +239,12 @@ function levelled() {
   redraw();
 }
 let flight = 0;
-function fly(eye, arrive) { // moves the eye smoothly to another pose
+function fly(eye, arrive, ms = 350, through = false) { // moves the eye smoothly to another pose, or at one pace through it
   const from = { R: [...state.eye.R], c: [...state.eye.c] }, began = performance.now(), mine = ++flight;
   const still = matchMedia("(prefers-reduced-motion: reduce)").matches || document.hidden;
   const tick = () => {
     if (mine !== flight) return;
-    const t = still ? 1 : Math.min(1, (performance.now() - began) / 350), s = t * t * (3 - 2 * t);
+    const t = still ? 1 : Math.min(1, (performance.now() - began) / ms), s = through ? t : t * t * (3 - 2 * t);
     if (t >= 1) { Object.assign(state.eye, { R: [...eye.R], c: [...eye.c] }); arrive(); return; }
     state.eye.R = rigid(from.R.map((value, k) => value + s * (eye.R[k] - value)));
     state.eye.c = add(from.c, add(eye.c, from.c, -1), s);
@@ -483,15 +483,31 @@ function goTo(index) {
     $("rolling-row").hidden = !view.rolling;
     choosePhotograph(index);
     history.replaceState(null, "", `#view=${index}`);
-    const thumbnail = $("strip").children[index];
+    const thumbnail = $("strip").querySelector(`[data-view="${index}"]`);
     thumbnail?.scrollIntoView({ block: "nearest", inline: "nearest" });
     redraw();
   };
   useLens(shownAs(scene.lenses[view.lens], view.turns));
   fly(eyeOf(view.pose), arrive);
 }
+// Milliseconds from one pose of a flight to the next.
+const FLIGHT_MS = 1200;
+function visit({ lens: number, turns, poses }) { // a view with a name: its first pose, then along its flight
+  useLens(shownAs(scene.lenses[number], turns));
+  const next = (k) => {
+    redraw();
+    if (k < poses.length) fly(eyeOf(poses[k]), () => next(k + 1), FLIGHT_MS, true);
+  };
+  fly(eyeOf(poses[0]), () => next(1));
+}
 function fillStrip() {
-  $("strip").hidden = $("photo-section").hidden = !scene.views.length;
+  $("strip").hidden = !scene.views.length && !scene.presets?.length;
+  $("photo-section").hidden = !scene.views.length;
+  for (const preset of scene.presets ?? []) {
+    const button = Object.assign(document.createElement("button"), { className: "preset", textContent: preset.name });
+    button.addEventListener("click", () => visit(preset));
+    $("strip").append(button);
+  }
   scene.views.forEach((view, index) => {
     const button = document.createElement("button"), picture = document.createElement("img");
     Object.assign(picture, { loading: "lazy", alt: "", width: Math.round(68 * view.width / view.height), height: 68, src: server.photo(index, 160) });
@@ -825,7 +841,9 @@ async function begin() {
   connect();
   if (innerWidth <= 760) $("panel-toggle").click();
   compare();
-  if (scene.views.length) goTo(Math.min(scene.views.length - 1, Number(/view=(\d+)/.exec(location.hash)?.[1] ?? 0)));
+  const asked = /view=(\d+)/.exec(location.hash)?.[1];
+  if (scene.presets?.length && !asked) visit(scene.presets[0]);
+  else if (scene.views.length) goTo(Math.min(scene.views.length - 1, Number(asked ?? 0)));
   else { reshape = { id: 0 }; await makeLens({ id: 0, fit: windowShape() }); }
   if (scene.kind === "data") await fillFindings();
   if (scene.live) await followTraining();

@@ -2,6 +2,7 @@
 
 import base64
 import dataclasses
+import json
 import re
 
 import numpy as np
@@ -11,7 +12,7 @@ import gsut
 import small_run
 from browser import browser
 from gsut.cli import main
-from gsut.formats import load_gaussians, save_gaussians
+from gsut.formats import save_gaussians
 from gsut.view import Session, Stage
 from random_scenes import fisheye, gaussians_in_view, list_models, rng_of, small_camera
 from tolerances.view import MOVING_LEVELS, MOVING_SURROUNDED_LEVELS
@@ -149,8 +150,9 @@ def test_eye_that_moves_does_not_wait_for_the_picture_at_rest(window, tmp_path, 
 
 def check_page_at_rest(window, tmp_path, scene, gaussians, background, part=""):
     write_and_open(window, tmp_path, Stage("small", "run", gaussians, scene, background), part)
-    save_gaussians(tmp_path / "same.spz", gaussians)
-    stored = load_gaussians(tmp_path / "same.spz")
+    stored = window.read_gaussians()
+    nearest = np.abs(stored.means[:, None] - gaussians.means[None]).max(axis=2).min(axis=0)
+    assert len(stored) == len(gaussians) and nearest.max() < np.exp(gaussians.log_scales).min()
     for index in (0, 1):
         window.run(f"goTo({index}); state.lossless = true;")
         window.wait(f"JSON.parse(document.body.dataset.frame).view === {index}")
@@ -242,7 +244,9 @@ def test_page_loads_nothing_and_logs_no_error(window, tmp_path, scene, gaussians
     assert not re.search(r'(src|href)="http', page.read_text(encoding="utf-8"))
 
 
-@pytest.mark.parametrize(("part", "word"), [("core", "core"), ("scene", "scene"), ("content", "")])
+@pytest.mark.parametrize(
+    ("part", "word"), [("core", "core"), ("scene", "scene"), ("content", ""), ("texts", "texts")]
+)
 def test_damaged_page_says_what_is_wrong(window, tmp_path, scene, gaussians, part, word):
     page = tmp_path / "page.html"
     Session(Stage("small", "run", gaussians, scene)).write_page(page, 1)
@@ -251,8 +255,9 @@ def test_damaged_page_says_what_is_wrong(window, tmp_path, scene, gaussians, par
     end = text.index("</script>", begin)
     page.write_text(text[:begin] + text[begin : (begin + end) // 8 * 4] + text[end:])
     window.open(f"file://{page}")
-    window.wait("!$('toast').hidden")
-    words = window.run("return $('toast').textContent;")
+    toast = "document.getElementById('toast')"  # before any script of the page runs
+    window.wait(f"!{toast}.hidden")
+    words = window.run(f"return {toast}.textContent;")
     assert "damaged" in words and word in words and "copy it again" in words
     assert window.run("return document.body.classList.contains('narrow');")  # no dead controls
 
@@ -273,7 +278,6 @@ def test_page_of_another_scene_is_refused(window, tmp_path, scene, gaussians):
     text = page.read_text(encoding="utf-8")
     core = re.search(r'<script id="core"[^>]*>([^<]*)', text).group(1)
     stored = re.search(r'<script id="scene"[^>]*>([^<]*)', text).group(1)
-    assert len(base64.b64decode(stored)) > 0
     page.write_text(text.replace(stored, core), encoding="utf-8")
     window.open(f"file://{page}")
     window.wait("!$('toast').hidden")
@@ -297,7 +301,42 @@ def test_page_on_a_phone_comes_to_rest_and_fits_its_screen(tmp_path, scene, gaus
 def test_convert_writes_the_page_of_a_file(tmp_path, gaussians):
     save_gaussians(tmp_path / "a.ply", gaussians)
     assert main(["convert", str(tmp_path / "a.ply"), str(tmp_path / "b.html")]) == 0
-    assert "core.cpp" in (tmp_path / "b.html").read_text(encoding="utf-8")
+    assert "exact/core.js" not in (tmp_path / "b.html").read_text(encoding="utf-8")  # compressed
+
+
+def test_convert_writes_title_views_and_what_a_link_shows(window, tmp_path, gaussians):
+    save_gaussians(tmp_path / "a.ply", gaussians)
+    poses = [np.eye(4).tolist(), small_run.inward_pose(1.0).tolist()]
+    path = {"camera_from_world": poses}
+    (tmp_path / "tour.json").write_text(json.dumps(path))
+    (tmp_path / "start.json").write_text(json.dumps({"camera_from_world": poses[1:]}))
+    given = ["convert", str(tmp_path / "a.ply"), str(tmp_path / "b.html"), "--title", "A <hall>"]
+    given += [
+        "--view",
+        f"Start={tmp_path / 'start.json'}",
+        "--view",
+        f"Tour={tmp_path / 'tour.json'}",
+    ]
+    assert main([*given, "--address", "https://example.org/scenes/"]) == 0
+    text = (tmp_path / "b.html").read_text(encoding="utf-8")
+    assert '<meta property="og:title" content="A &lt;hall&gt;">' in text
+    assert '<meta property="og:image" content="https://example.org/scenes/b.jpg">' in text
+    assert (tmp_path / "b.jpg").read_bytes()[:2] == b"\xff\xd8"
+    window.open(f"file://{tmp_path}/b.html")
+    window.wait("document.body.dataset.frames > 0 && !busy && !wanted")
+    assert window.run("return document.title;") == "A <hall>"
+    window.wait("Math.abs(poseOf(state.eye)[3] - scene.presets[0].poses[0][3]) < 1e-9")
+    window.run("document.querySelectorAll('.preset')[1].click();")
+    end = np.linalg.inv(poses[1])[:3, 3]
+    window.wait(f"Math.hypot(...add(state.eye.c, {end.tolist()}, -1)) < 1e-6 && !busy && !wanted")
+
+
+@pytest.mark.parametrize("view", ["Start", "Start=nowhere.jpg", "=a.json"])
+def test_convert_refuses_a_view_that_is_not_there(capsys, tmp_path, gaussians, view):
+    save_gaussians(tmp_path / "a.ply", gaussians)
+    given = ["convert", str(tmp_path / "a.ply"), str(tmp_path / "b.html"), "--view", view]
+    assert main(given) != 0
+    assert "--view" in capsys.readouterr().err and not (tmp_path / "b.html").exists()
 
 
 def test_page_takes_gsut_s_and_mrcal_s_lens_files_alone(window, tmp_path, scene, gaussians):

@@ -19,19 +19,25 @@ const MOST_SLIDERS = 24;
 // Columns at which the field of view is measured, and bisections of a focal length.
 const FIELD_SAMPLES = 129, SEARCH_STEPS = 60;
 
-// --- the scene: SPZ of version 3 ------------------------------------------------------------------
+// --- the scene: SPZ of version 3, with its positions as page_file.py packs them --------------------
 function readScene(bytes) {
   const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
   const [magic, version, size] = [0, 4, 8].map((at) => (bytes.length < 16 ? 0 : view.getUint32(at, true)));
   const degree = bytes[12], step = 2 ** -bytes[13], coefficients = (degree + 1) ** 2;
-  if (magic !== 0x5053474e || version !== 3 || degree > 3 || bytes.length !== 16 + size * (20 + 3 * (coefficients - 1))) {
+  if (magic !== 0x47415047 || version !== 3 || degree > 3 || bytes.length !== 16 + size * (20 + 3 * (coefficients - 1))) {
     throw new Error("this file is damaged: its Gaussians are not those that gsut wrote; copy it again");
   }
   let at = 16;
   const take = (each) => bytes.subarray(at, (at += each * size));
-  const positions = take(9), alphas = take(1), colors = take(3), scales = take(3), packed = take(4), rest = take(3 * (coefficients - 1));
+  const planes = take(9), alphas = take(1), colors = take(3), scales = take(3), packed = take(4), rest = take(3 * (coefficients - 1));
   const means = new Float32Array(3 * size), quats = new Float32Array(4 * size), logits = new Float32Array(size), sh = new Float32Array(3 * coefficients * size);
-  for (let i = 0; i < 3 * size; i++) means[i] = (((positions[3 * i] << 8) | (positions[3 * i + 1] << 16) | (positions[3 * i + 2] << 24)) >> 8) * step;
+  for (let k = 0; k < 3; k++) {
+    for (let i = 0, sum = 0; i < size; i++) {
+      const word = planes[3 * k * size + i] | (planes[(3 * k + 1) * size + i] << 8) | (planes[(3 * k + 2) * size + i] << 16);
+      sum += (word >>> 1) ^ -(word & 1);
+      means[3 * i + k] = sum * step;
+    }
+  }
   for (let i = 0; i < size; i++) {
     const opacity = alphas[i] / 255, logit = Math.log(opacity) - Math.log1p(-opacity);
     logits[i] = Math.max(-20, Math.min(20, logit));
@@ -104,12 +110,12 @@ class PageServer {
 
   async start() {
     try { this.content = JSON.parse(part("content").textContent); } catch { throw new Error('this file is damaged: its part "content" cannot be read; copy it again'); }
-    const [bytes, packed] = await Promise.all([unpack("core", "gzip"), unpack("scene", "gzip")]);
+    const [bytes, packed] = await Promise.all([unpack("core"), unpack("scene")]);
     this.gaussians = readScene(packed);
     this.core = await Core.load(bytes);
     this.models = this.core.models();
     this.lenses = [...this.content.lenses];
-    const code = URL.createObjectURL(new Blob([part("core-code").textContent, part("worker-code").textContent], { type: "text/javascript" }));
+    const code = URL.createObjectURL(new Blob([texts["exact/core.js"], texts["exact/worker.js"]], { type: "text/javascript" }));
     const count = Math.max(1, Math.min(MOST_WORKERS, navigator.hardwareConcurrency || 1));
     this.workers = Array.from({ length: count }, () => {
       const worker = new Worker(code), waiting = new Map();
@@ -130,7 +136,7 @@ class PageServer {
   }
 
   findMoving() { // null where there is no WebGL 2: the workers draw small frames
-    try { return MovingPicture.find(part("moving-shader").textContent, part("order-code").textContent, this.gaussians); } catch (error) {
+    try { return MovingPicture.find(texts["exact/moving.glsl"], texts["exact/order.js"], this.gaussians); } catch (error) {
       console.info(`a moving picture is small: ${error.message}`);
       return null;
     }
@@ -148,7 +154,7 @@ class PageServer {
 
   async findCard() { // null where there is none, or it has no room: the workers draw
     try {
-      const card = await Card.find(part("shaders").textContent);
+      const card = await Card.find(texts["exact/forward.wgsl"]);
       card?.setScene(this.gaussians);
       return card;
     } catch (error) {
