@@ -96,12 +96,13 @@ def measure(case: Row, settings: Settings) -> Row:
         found = window.read_canvas()[..., :3].astype(np.int64)
         pace = window.run("return $('pace').textContent;")
         gaussians = window.read_gaussians()
+        content = json.loads(window.run("return JSON.stringify(server.content);"))
         moved, still, times = window.run(_BOTH.format(side=_SIDE))
         window.run("state.lossless = false;")
         moving, width = window.run(_WALK.format(seconds=settings.seconds))
         height = width * window.run("return lens.height / lens.width;")
-    camera = _read_camera(text)
-    off = int(np.abs(found - _draw_again(text, camera, gaussians)).max())
+    camera = _read_camera(content)
+    off = int(np.abs(found - _draw_again(content, camera, gaussians)).max())
     row = {
         "first_seconds": first, "moving": moving, "size": f"{width:.0f} x {height:.0f}",
         "by_angle": _compare(moved, still, camera), "frame_ms": float(np.median(times)),
@@ -124,9 +125,8 @@ def _read_size(text: str) -> int:
     return len(_read_part(text, "core")) * 4 // 5  # base 85
 
 
-def _read_camera(text: str) -> Camera:
+def _read_camera(content: dict[str, Any]) -> Camera:
     """Reads the camera of what the page shows first."""
-    content: dict[str, Any] = json.loads(_read_part(text, "content"))
     lens = content["lenses"][content["scene"]["views"][0]["lens"]]
     return Camera(
         lens["model"], lens["params"], lens["width"], lens["height"],
@@ -143,9 +143,8 @@ def _compare(moved: list[int], still: list[int], camera: Camera) -> str:
     return ", ".join(f"{np.sqrt((off[ring] ** 2).mean()):.2f}" for ring in rings if ring.any())
 
 
-def _draw_again(text: str, camera: Camera, gaussians: Any) -> np.ndarray:
+def _draw_again(content: dict[str, Any], camera: Camera, gaussians: Any) -> np.ndarray:
     """Draws what the page shows first by gsut.render."""
-    content: dict[str, Any] = json.loads(_read_part(text, "content"))
     view = content["scene"]["views"][0]
     pose = np.reshape(view["pose"], (4, 4))
     image = render(gaussians, camera, pose, background=content["background"]).image

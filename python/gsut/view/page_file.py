@@ -18,7 +18,6 @@ from gsut._core import CameraMotion
 from gsut.files import format_json, read_bytes, read_package_file, write_file
 from gsut.formats import WriteSettings, prepare_for_file, save_gaussians
 from gsut.orientation import turn_size
-from gsut.page import embed_json
 from gsut.view.named_views import NamedView
 from gsut.view.stage import Stage
 
@@ -158,7 +157,7 @@ def _assemble(content: dict[str, Any], scene: bytes, link: str) -> str:
     core = read_package_file("gsut.view", "exact/core.wasm.gz")
     texts = {name: _read_text(name) for name in (*_SCRIPTS, *_TEXTS)} | {"scripts": _SCRIPTS}
     elements = [
-        _embed("content", "application/json", embed_json(content)),
+        _embed("content", "application/octet-stream", _encode(format_json(content).encode())),
         _embed("scene", "application/octet-stream", _encode(scene)),
         _embed("core", "application/octet-stream", _encode(gzip.decompress(core))),
         _embed("texts", "application/octet-stream", _encode(format_json(texts).encode())),
@@ -179,10 +178,10 @@ def _assemble(content: dict[str, Any], scene: bytes, link: str) -> str:
 
 
 def _pack_scene(spz: bytes) -> bytes:
-    """Packs the positions of an SPZ so that they compress well; all else stays as it is.
+    """Packs an SPZ so that it compresses well: positions, scales and rotations byte by byte.
 
-    They are rounded to a step that Gaussians do not notice, and each is stored by its difference
-    to the one before: lowest bytes first, a byte of a coordinate of all Gaussians at a time.
+    Positions are rounded to a step that Gaussians do not notice, and each is stored by its
+    difference to the one before, lowest bytes first.
     """
     data = np.frombuffer(spz, np.uint8)
     size = int.from_bytes(spz[8:12], "little")
@@ -199,7 +198,11 @@ def _pack_scene(spz: bytes) -> bytes:
     words = np.ascontiguousarray(((steps << 1) ^ (steps >> 31)).astype("<u4").T)
     planes = words.view(np.uint8).reshape(3, size, 4)[..., :3].transpose(0, 2, 1)
     header = _PACKED + spz[4:13] + bytes([bits]) + spz[14:_HEADER]
-    return header + planes.tobytes() + spz[_HEADER + 9 * size :]
+    rotations = data[_HEADER + 16 * size : _HEADER + 20 * size].reshape(size, 4)
+    between, rest = spz[_HEADER + 9 * size : _HEADER + 13 * size], spz[_HEADER + 20 * size :]
+    return b"".join(
+        (header, planes.tobytes(), between, scales.T.tobytes(), rotations.T.tobytes(), rest)
+    )
 
 
 def _order_along_curve(means: np.ndarray) -> np.ndarray:

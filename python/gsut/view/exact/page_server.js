@@ -19,7 +19,7 @@ const MOST_SLIDERS = 24;
 // Columns at which the field of view is measured, and bisections of a focal length.
 const FIELD_SAMPLES = 129, SEARCH_STEPS = 60;
 
-// --- the scene: SPZ of version 3, with its positions as page_file.py packs them --------------------
+// --- the scene: SPZ of version 3, as page_file.py packs it ------------------------------------------
 function readScene(bytes) {
   const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
   const [magic, version, size] = [0, 4, 8].map((at) => (bytes.length < 16 ? 0 : view.getUint32(at, true)));
@@ -41,7 +41,7 @@ function readScene(bytes) {
   for (let i = 0; i < size; i++) {
     const opacity = alphas[i] / 255, logit = Math.log(opacity) - Math.log1p(-opacity);
     logits[i] = Math.max(-20, Math.min(20, logit));
-    const word = (packed[4 * i] | (packed[4 * i + 1] << 8) | (packed[4 * i + 2] << 16) | (packed[4 * i + 3] << 24)) >>> 0;
+    const word = (packed[i] | (packed[size + i] << 8) | (packed[2 * size + i] << 16) | (packed[3 * size + i] << 24)) >>> 0;
     const largest = word >>> 30, xyzw = [0, 0, 0, 0];
     let sum = 0, shift = 20;
     for (let k = 0; k < 4; k++) {
@@ -57,7 +57,7 @@ function readScene(bytes) {
     const from = 3 * (coefficients - 1);
     for (let k = 0; k < from; k++) sh[3 * coefficients * i + 3 + k] = (rest[from * i + k] - 128) / 128;
   }
-  return { size, coefficients, stored: { colors, rest }, parts: [means, quats, Float32Array.from(scales, (byte) => byte / 16 - 10), logits, sh] };
+  return { size, coefficients, stored: { colors, rest }, parts: [means, quats, Float32Array.from({ length: 3 * size }, (_, at) => scales[(at % 3) * size + Math.floor(at / 3)] / 16 - 10), logits, sh] };
 }
 
 // --- poses: 4 x 4 in rows -------------------------------------------------------------------------
@@ -109,8 +109,8 @@ class PageServer {
   }
 
   async start() {
-    try { this.content = JSON.parse(part("content").textContent); } catch { throw new Error('this file is damaged: its part "content" cannot be read; copy it again'); }
-    const [bytes, packed] = await Promise.all([unpack("core"), unpack("scene")]);
+    const [content, bytes, packed] = await Promise.all(["content", "core", "scene"].map(unpack));
+    this.content = JSON.parse(new TextDecoder().decode(content));
     this.gaussians = readScene(packed);
     this.core = await Core.load(bytes);
     this.models = this.core.models();
