@@ -63,7 +63,7 @@ from gsut.sfm.solution import (
     solve_poses,
 )
 from gsut.sfm.starts import compare_halves, register_left_out, try_other_starts
-from gsut.sfm.world import place_on_earth
+from gsut.sfm.world import add_markers, place_on_earth, scale_by_markers
 
 
 @dataclasses.dataclass(frozen=True)
@@ -170,6 +170,7 @@ def _map(mapping: Mapping) -> Mapping:
     mapping = find_rig_shutter(mapping)  # solution
     mapping = compare_halves(mapping)  # findings alone
     mapping = place_on_earth(mapping, adjust_rig_near_places)  # solution
+    mapping = scale_by_markers(mapping)  # solution
     agreement = measure_agreement(mapping.solved, mapping.pairs)
     return mapping.add_findings(agreement=agreement.share, contradicted=agreement.contradicted)
 
@@ -274,8 +275,10 @@ def _find_matches(mapping: Mapping, stages: Stages) -> Mapping:
         require_features(photographs, features)
     log.watch.record_lap("features")
     is_lens_known = photographs.are_lenses_known
+    mapping = add_markers(mapping.replace(features=features))
+    photographs, features = mapping.photographs, mapping.features
     raw = match_images(photographs.names, features, options, log.show, photographs.frames, stages)
-    mapping = mapping.replace(features=features, raw=raw)
+    mapping = mapping.replace(raw=raw)
     mapping = mapping.add_findings({"lens": "known" if is_lens_known else "estimated"})
     if is_lens_known:
         pairs = verify_matches(mapping.images, raw, options, log.follow_pairs("verifying"))

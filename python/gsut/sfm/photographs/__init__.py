@@ -1,6 +1,7 @@
 """Photographs with what is known of their lenses, their features, and the options of a run."""
 
 from gsut.sfm.photographs.features import (
+    DESCRIPTOR_LENGTH,
     DESCRIPTOR_SCALE,
     Features,
     ImageLines,
@@ -25,6 +26,7 @@ from gsut.sfm.photographs.options import PosesOptions, add_lens_readout
 from gsut.sfm.photographs.stages import FOLDER, Stages, digest_key
 
 __all__ = [
+    "DESCRIPTOR_LENGTH",
     "DESCRIPTOR_SCALE",
     "FEWEST_IMAGES",
     "FOLDER",

@@ -69,6 +69,7 @@ class Photographs:
         ups: up in the camera's axes by an accelerometer or gimbal, by name.
         focal_sigma: standard deviation of the logarithm of `exif_focal_px`.
         groups: the images of each unknown lens, where there are several.
+        markers: ids (K,) of each image's markers, whose corners are its first 4 K features.
     """
 
     root: Path
@@ -90,6 +91,7 @@ class Photographs:
     ups: dict[str, tuple[float, float, float]] = dataclasses.field(default_factory=dict)
     focal_sigma: float | None = None
     groups: tuple[LensGroup, ...] = ()
+    markers: list[np.ndarray] | None = None
 
     def __len__(self) -> int:
         return len(self.names)
