@@ -19,7 +19,7 @@ from gsut.lens.field import (
 )
 from gsut.lens.files import camera_from_info, info_from_camera, load_camera, save_camera
 from gsut.lens.fit_rays import fit_camera
-from gsut.lens.fit_spline import SplineGrid
+from gsut.lens.fit_spline import SplineGrid, fit_control_points
 from gsut.lens.focal_prior import FocalPrior
 from gsut.lens.refinable import find_refinable_params
 
@@ -37,6 +37,7 @@ __all__ = [
     "find_lenses",
     "find_refinable_params",
     "fit_camera",
+    "fit_control_points",
     "has_focal_length",
     "info_from_camera",
     "is_lens_name",

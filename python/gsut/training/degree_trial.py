@@ -75,17 +75,15 @@ def choose_degree(
     """
     if not is_from_preset(options, "sh_degree"):
         return options, ""
-    fits = (each for each in _SIZES if each.estimate_share(options) <= _MOST_SHARE)
-    size = next(fits, None)
+    sizes = [each for each in _SIZES if each.estimate_share(options) <= _MOST_SHARE]
     views = len(scene.train_indices)
-    preset = f"harmonics of degree {options.sh_degree}, the preset's: {{}} (--sh-degree)"
-    if size is None:
-        why = f"{options.steps} steps are too few to compare degrees in short trainings first"
-        return options, preset.format(why)
-    if views < _FEWEST_VIEWS:
-        why = f"{views} photographs are too few to set some aside and compare degrees"
-        return options, preset.format(why)
-    gains = measure_gains(scene, options, size, show)
+    if not sizes or views < _FEWEST_VIEWS:
+        few = f"{views} photographs" if sizes else f"{options.steps} steps"
+        return options, (
+            f"harmonics of degree {options.sh_degree}, the preset's: {few} are too few to compare "
+            "degrees in short trainings (--sh-degree)"
+        )
+    gains = measure_gains(scene, options, sizes[0], show)
     gain, error = gains.mean(), gains.std(ddof=1) / np.sqrt(len(gains))
     low, high = _DEGREES
     chosen = raise_degree(options, high) if gain > error else options
