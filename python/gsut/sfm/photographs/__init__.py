@@ -23,13 +23,12 @@ from gsut.sfm.photographs.listing import (
     require_central,
 )
 from gsut.sfm.photographs.options import PosesOptions, add_lens_readout
-from gsut.sfm.photographs.stages import FOLDER, Stages, digest_key
+from gsut.sfm.photographs.stages import Stages, digest_key
 
 __all__ = [
     "DESCRIPTOR_LENGTH",
     "DESCRIPTOR_SCALE",
     "FEWEST_IMAGES",
-    "FOLDER",
     "TANGENT",
     "Features",
     "ImageLines",
