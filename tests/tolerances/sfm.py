@@ -72,3 +72,13 @@ CENTER_HELD_PX = 1e-4  # a principal point by a prior of 1e-8 px; worst 2e-7
 LEARNED_MAPS = 1e-4  # outputs of the network, float32 in another order; worst 2.3e-5
 LEARNED_FEATURES = 1e-5  # scores and descriptors of keypoints; worst 7e-7
 LEARNED_COSINE = 0.999  # median, of descriptors in bytes with those of the network; worst 0.9997
+
+# Of a gyroscope's record: rates that hold between rows, integrated exactly; worst 2.6e-3, by the
+# row in which a rate changes.
+GYROSCOPE_INTEGRAL = 5e-3
+GYROSCOPE_DERIVATIVES = 1e-4
+GYROSCOPE_OFFSET_SECONDS = 1e-3
+GYROSCOPE_BIAS = 1e-3
+GYROSCOPE_AXES = 5e-3
+GYROSCOPE_SCALE = 5e-3
+GYROSCOPE_FOCAL_SIGMAS = 3.0

@@ -18,6 +18,7 @@ from gsut.data.images import read_header
 from gsut.data.rigs import Rig
 from gsut.data.scene import capture_state
 from gsut.output_folder import claim_folder
+from gsut.sfm.gyroscope import use_gyroscope
 from gsut.sfm.learned import add_learned_features
 from gsut.sfm.lens import (
     free_center,
@@ -165,6 +166,7 @@ def _map(mapping: Mapping) -> Mapping:
     mapping = register_left_out(mapping)  # pairs, solution: another start may see more of them
     mapping = find_shutter(mapping)  # solution
     mapping = free_center(mapping)  # lens_free, solution
+    mapping = use_gyroscope(mapping)  # turns, solution
     mapping = judge_lens(mapping)  # pairs, solution: where the focal length is stated
     mapping = find_lens_pair(mapping)  # lens_free, solution
     mapping = find_rig_shutter(mapping)  # solution

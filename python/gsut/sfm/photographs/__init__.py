@@ -22,6 +22,7 @@ from gsut.sfm.photographs.listing import (
     list_photographs,
     require_central,
 )
+from gsut.sfm.photographs.moments import order_by_folder
 from gsut.sfm.photographs.options import PosesOptions, add_lens_readout
 from gsut.sfm.photographs.stages import Stages, digest_key
 
@@ -46,6 +47,7 @@ __all__ = [
     "find_photographs",
     "list_photographs",
     "make_no_features",
+    "order_by_folder",
     "read_features",
     "require_central",
 ]
