@@ -119,15 +119,15 @@ def describe_origin() -> str:
     return f"commit {commit}, {datetime.date.today()}, {machine}, {active_isa()}"
 
 
-def measure_table(table: Table, data: str | None) -> list[Row]:
-    """Runs the table's benchmark in a process of its own.
+def measure_table(table: Table, further: Sequence[str]) -> list[Row]:
+    """Runs the table's benchmark in a process of its own, with further flags.
 
     Raises:
         InputError: it fails.
     """
     with tempfile.TemporaryDirectory(prefix="gsut-figures-") as folder:
         file = Path(folder) / "rows.json"
-        words = [table.name, *table.flags, "--json", str(file), *(["--data", data] if data else [])]
+        words = [table.name, *table.flags, "--json", str(file), *further]
         done = subprocess.run([sys.executable, "-m", "lab.bench", *words], cwd=ROOT, check=False)
         if not file.is_file():
             raise InputError(f"{describe_command(table)} ended with {done.returncode}")
@@ -141,6 +141,10 @@ def build_parser(_: Sequence[str] = ()) -> argparse.ArgumentParser:
     parser.add_argument(
         "--data", metavar="FOLDER", default=os.environ.get("GSUT_DATA"),
         help="folder that holds datasets by name [default: GSUT_DATA]",
+    )  # fmt: skip
+    parser.add_argument(
+        "--pycolmap", metavar="PYTHON",
+        help="a Python that has pycolmap, for its rows; without it they stay as they are",
     )  # fmt: skip
     parser.set_defaults(run=run)
     return parser
@@ -159,8 +163,14 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.names and name not in arguments.names:
             continue
         table = list(find_tables())[number]
+        further = ["--data", arguments.data] if arguments.data else []
+        if "pycolmap" in table.flags:
+            if not arguments.pycolmap:
+                print(f"{table.page.name}: rows of pycolmap stay, without --pycolmap", flush=True)
+                continue
+            further += ["--pycolmap", arguments.pycolmap]
         print(f"{table.page.name}: {describe_command(table)}", flush=True)
-        origin, rows = describe_origin(), measure_table(table, arguments.data)
+        origin, rows = describe_origin(), measure_table(table, further)
         table = list(find_tables())[number]  # the page may have changed while it was measured
         text = table.page.read_text()
         new = renew_table(table, rows, origin)

@@ -70,7 +70,7 @@ def test_a_table_is_measured_in_a_process_of_its_own(monkeypatch):
     monkeypatch.setenv("PYTHONPATH", f"{figures.ROOT}/tests")
     flags = ["--scenes", "synthetic_1k_64x48", "--frames", "2", "--columns", "scene,drawn"]
     table = make_table()._replace(flags=flags)
-    rows = measure_table(table, None)
+    rows = measure_table(table, [])
     assert [row["scene"] for row in rows] == ["synthetic_1k_64x48"] * 3
     with pytest.raises(gsut.InputError, match="ended with 2"):
-        measure_table(table._replace(flags=["--scenes", "none"]), None)
+        measure_table(table._replace(flags=["--scenes", "none"]), [])

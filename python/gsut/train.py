@@ -15,12 +15,11 @@ from gsut._core import InputError
 from gsut.check import refuse_too_large
 from gsut.data import Scene
 from gsut.gaussians import Gaussians
-from gsut.run import TrainOptions
+from gsut.run import Progress, TrainOptions
 from gsut.run.options import fit_to_views
-from gsut.training import TrainingLoop
+from gsut.training import TrainingLoop, choose_degree
 from gsut.training.first import (
     choose_complexity,
-    choose_degree,
     find_plain_background,
     prepare_scene,
     refine_first_poses,
@@ -88,7 +87,8 @@ def train(
     given, scene = scene, prepare_scene(scene.centred, asked)  # data/: size of the images, shutter
     scene.check_pixels()  # data/: a damaged photograph is found now
     check_maps(scene, asked)  # data/: and a damaged depth or normal file
-    asked = choose_degree(scene, asked)  # of harmonics, as the photographs bear
+    with Progress(progress is True) as bar:  # of the harmonics, by two short trainings
+        asked, degree_because = choose_degree(scene, asked, bar.show)
     o = asked
     if o.background is None:
         o = dataclasses.replace(o, background=find_plain_background(scene))
@@ -96,7 +96,8 @@ def train(
     record = TrainingRecord(out, o, scene, resume, progress, watch)
     fresh = record.checkpoint is None
     tracks = refine_first_poses(scene, o, progress is True) if fresh else None  # sfm/, refine/
-    complexity = choose_complexity(scene, asked, record.note)  # what the photographs support
+    # the number of Gaussians that the photographs support
+    complexity = choose_complexity(scene, asked, record.note, degree_because)
     o = dataclasses.replace(o, max_gaussians=complexity.max_gaussians)
     loop = TrainingLoop(scene, o, tracks=tracks)  # gaussians/: the first ones
     with record.follow(loop):

@@ -16,8 +16,17 @@ from gsut.blocks.workers import Workers
 from gsut.data import Scene
 from gsut.data.scene import digest_scene, keep_at_most
 from gsut.files import UNFINISHED, to_plain
-from gsut.run import BlockOptions, RunFile, RunFolder, TrainOptions, describe_environment, read_plan
-from gsut.training.first import choose_degree, prepare_scene
+from gsut.run import (
+    BlockOptions,
+    Progress,
+    RunFile,
+    RunFolder,
+    TrainOptions,
+    describe_environment,
+    read_plan,
+)
+from gsut.training import choose_degree
+from gsut.training.first import prepare_scene
 from gsut.training.surface import check_maps
 
 # Version of the tasks' format; tasks of another version cannot be resumed.
@@ -61,10 +70,11 @@ def train_blocks(
     keep_at_most(near, limit_cache_bytes(b))
     near.check_pixels()
     check_maps(near, o)
-    o = choose_degree(near, o)
+    with Progress(progress) as bar:
+        o, degree_because = choose_degree(near, o, bar.show)
     engine = Workers(b.workers, o.threads) if b.cluster is None else Cluster(b.cluster)
     run, o = _open_run(out, o, b, scene, resume)
-    training = Stages(run, o, b, near, engine, progress)
+    training = Stages(run, o, b, near, engine, progress, degree_because)
     with training.clock.stage("coarse"):
         training.coarse = training.train_coarse()  # everything; poses, lens and light, then frozen
     with training.clock.stage("layout"):

@@ -98,6 +98,7 @@ class Stages:
         scene: at the size to train at, centred on its cameras.
         engine: trains blocks.
         progress: show bars.
+        degree_because: see `choose_degree`.
 
     Attributes:
         clock: of the stages.
@@ -114,12 +115,13 @@ class Stages:
         scene: Scene,
         engine: Workers | Cluster,
         progress: bool,
+        degree_because: str = "",
     ) -> None:
         self._run, self._blocks, self._progress = run, blocks, progress
         self._engine = engine
         if options.background is None:
             options = dataclasses.replace(options, background=find_plain_background(scene))
-        self._complexity = choose_complexity(scene, options)
+        self._complexity = choose_complexity(scene, options, degree_because=degree_because)
         self._options = dataclasses.replace(options, max_gaussians=self._complexity.max_gaussians)
         self._scene = scene
         self._folder = run.path / RunFile.BLOCKS

@@ -26,6 +26,8 @@ def _change_lenses(
     data: Dataset, change: Callable[[Camera], Camera | None], words: str = "", edit: str = ""
 ) -> Variants:
     """Yields the dataset with changed lenses, if each can be changed so."""
+    if not all(map(_has_focal, data.cameras)):
+        return
     try:
         changed = data.equip([change(camera) for camera in data.cameras])
     except (InputError, ValueError, KeyError):
@@ -34,21 +36,23 @@ def _change_lenses(
         yield Variant(words, edit, changed)
 
 
-def _replace(camera: Camera, params: Numbers, model: str = "") -> Camera | None:
-    """Returns a lens with other numbers; None if it has not fx, fy, cx and cy first."""
-    if camera.param_names.split()[:4] != ["fx", "fy", "cx", "cy"]:
-        return None
+def _has_focal(camera: Camera) -> bool:
+    """Returns whether fx, fy, cx and cy are a lens' first numbers: a panorama has none."""
+    return camera.param_names.split()[:4] == ["fx", "fy", "cx", "cy"]
+
+
+def _replace(camera: Camera, params: Numbers, model: str = "") -> Camera:
+    """Returns a lens with other numbers."""
     return Camera(model or camera.model, list(params), camera.width, camera.height)
 
 
-def _scale(camera: Camera, focal: float = 1.0, center: float = 1.0) -> Camera | None:
+def _scale(camera: Camera, focal: float = 1.0, center: float = 1.0) -> Camera:
     p = np.array(camera.params)
     return _replace(camera, [*(focal * p[:2]), *(center * p[2:4]), *p[4:]])
 
 
 def _is_pinhole(camera: Camera) -> bool:
-    named = camera.param_names.split()[:4] == ["fx", "fy", "cx", "cy"]
-    return named and not np.any(camera.params[4:])
+    return _has_focal(camera) and not np.any(camera.params[4:])
 
 
 def _climb_lenses(
@@ -113,7 +117,7 @@ def _suppose_signs(data: Dataset, _: Rate) -> Variants:
     )
 
 
-def _place_center(camera: Camera, place: Callable[..., tuple[float, float]]) -> Camera | None:
+def _place_center(camera: Camera, place: Callable[..., tuple[float, float]]) -> Camera:
     p = np.array(camera.params)
     return _replace(camera, [*p[:2], *place(camera, p), *p[4:]])
 
@@ -139,7 +143,7 @@ def _suppose_sizes(data: Dataset, _: Rate) -> Variants:
 
 
 def _suppose_focals(data: Dataset, rate: Rate) -> Variants:
-    def change(camera: Camera, x: np.ndarray) -> Camera | None:
+    def change(camera: Camera, x: np.ndarray) -> Camera:
         return _scale(camera, float(np.exp(x[0])))
 
     x = _climb_lenses(data, rate, change, [[k / 25] for k in range(-17, 18)], [0.02])
@@ -147,7 +151,7 @@ def _suppose_focals(data: Dataset, rate: Rate) -> Variants:
     yield from _change_lenses(data, lambda c: change(c, x), words, words)
 
 
-def _distort(camera: Camera, x: np.ndarray, model: str) -> Camera | None:
+def _distort(camera: Camera, x: np.ndarray, model: str) -> Camera:
     return _replace(camera, [*camera.params[:4], x[0], 0, 0, 0], model)
 
 
@@ -164,7 +168,10 @@ def _suppose_distortions(data: Dataset, rate: Rate) -> Variants:
 
 
 def _suppose_crops(data: Dataset, rate: Rate) -> Variants:
-    def change(camera: Camera, x: np.ndarray) -> Camera | None:
+    if not all(map(_has_focal, data.cameras)):
+        return
+
+    def change(camera: Camera, x: np.ndarray) -> Camera:
         p = np.array(camera.params)
         return _replace(camera, [*p[:2], *(p[2:4] + x), *p[4:]])
 

@@ -1,7 +1,7 @@
 """Structure from motion: photographs and a lens in, camera poses and points out."""
 
 from gsut.sfm.mapping import PosesLog
-from gsut.sfm.photographs import FOLDER, PosesOptions, add_lens_readout, check_lens
+from gsut.sfm.photographs import PosesOptions, add_lens_readout, check_lens
 from gsut.sfm.pipeline import (
     PosesResult,
     find_poses,
@@ -19,7 +19,6 @@ from gsut.sfm.world import (
 )
 
 __all__ = [
-    "FOLDER",
     "PoseErrors",
     "PosesLog",
     "PosesOptions",

@@ -3,6 +3,7 @@
 Rooms of their own, whose doors anyone may use: `first`, `record` and `tuning`.
 """
 
+from gsut.training.degree_trial import choose_degree
 from gsut.training.loop import TrainingLoop
 from gsut.training.photometric_poses import find_video_poses
 from gsut.training.record import (
@@ -17,6 +18,7 @@ from gsut.training.record import (
 __all__ = [
     "TrainedRun",
     "TrainingLoop",
+    "choose_degree",
     "find_video_poses",
     "load_run",
     "open_trained",

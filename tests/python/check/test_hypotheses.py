@@ -14,6 +14,7 @@ from gsut.check.photographs import check_photographs
 from gsut.data.poses import OPENGL_FROM_OPENCV
 from gsut.judge import HYPOTHESES, Dataset, list_signed_permutations
 from gsut.judge.hypotheses import climb
+from gsut.judge.lens_errors import LENS_ERRORS
 from gsut.judge.path_errors import shift_frames
 
 PARAMS = [165.0, 165.0, 129.5, 98.0, -0.3, 0.11, 1e-3, -1e-3, -0.02]
@@ -189,6 +190,16 @@ def test_lenses_exchanged_between_cameras_are_named(walk):
     wrong = dataclasses.replace(evidence, given=given)
     (said,) = [each for each in check_photographs(wrong.scene, wrong) if each.severity != "info"]
     assert "0 and 1 exchanged" in said.what, said
+
+
+def test_lens_hypotheses_of_a_panorama_suppose_nothing():
+    panorama = gsut.Camera("equirectangular", [], 320, 160)
+    poses = make_walk()
+    data = Dataset(poses[:, None], (panorama,), np.zeros(len(poses), int), np.eye(3),
+                   [list(range(len(poses)))])  # fmt: skip
+    assert len(LENS_ERRORS) >= 10
+    for hypothesis in LENS_ERRORS:
+        assert not list(hypothesis.suppose(data, lambda data: np.zeros(1)))
 
 
 def test_each_hypothesis_has_a_sentence_and_a_cure():

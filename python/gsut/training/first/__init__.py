@@ -1,6 +1,6 @@
 """What training decides before its first step: images, size of the model, first Gaussians."""
 
-from gsut.training.first.complexity import choose_complexity, choose_degree
+from gsut.training.first.complexity import choose_complexity
 from gsut.training.first.gains import find_first_gains
 from gsut.training.first.gains_in_time import interpolate_gains
 from gsut.training.first.preparation import (
@@ -18,7 +18,6 @@ from gsut.training.first.seeding import (
 __all__ = [
     "center_on_cameras",
     "choose_complexity",
-    "choose_degree",
     "choose_first_gaussians",
     "describe_resizing",
     "find_first_gains",

@@ -1,4 +1,4 @@
-"""Chooses how many Gaussians and which degree of harmonics the photographs of a scene support.
+"""Chooses how many Gaussians the photographs of a scene support.
 
 Where photographs are few, further Gaussians only memorize them. Two counts bound the number: that
 of the training views and that of their pixels, both known before the first step.
@@ -12,19 +12,13 @@ from typing import Any
 
 from gsut.data import Scene
 from gsut.run import TrainOptions
-from gsut.run.options import AUTO, get_preset_value, is_from_preset, raise_degree
-from gsut.training.first.view_dependence import measure_unpredicted_share
+from gsut.run.options import AUTO, get_preset_value, is_from_preset
 
 # Most Gaussians for each training view: held-out views of a dozen photographs are predicted best
 # with 50,000 to 100,000 Gaussians, and worse with more.
 _PER_VIEW = 5000
 # Fewest training pixels for each Gaussian: one has more parameters than fewer pixels have values.
 _PIXELS_EACH = 4
-# Harmonics have the highest degree if the viewing direction leaves less than this share of the
-# variance of points' colours unpredicted: it is 0.2 to 0.6 for shiny scenes, about 1 for matt ones.
-_UNPREDICTED = 0.7
-# Degree of the harmonics of a scene whose colours depend on the viewing direction, as in 3DGS.
-_HIGHEST = 3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -39,7 +33,7 @@ class Complexity:
         fewer: whether it is below the preset's.
         steps: of the training.
         fewer_steps: by how much this is below the preset's number of steps.
-        higher_degree: by how much `sh_degree` is above the preset's.
+        degree_because: how the degree was chosen, in words; "" if the options give it.
     """
 
     max_gaussians: int
@@ -49,7 +43,7 @@ class Complexity:
     fewer: bool = False
     steps: int = 0
     fewer_steps: int = 0
-    higher_degree: int = 0
+    degree_because: str = ""
 
     def __str__(self) -> str:
         return (
@@ -65,11 +59,8 @@ class Complexity:
                 f"{self.views} photographs: {self.steps} steps, for which the preset has {preset}; "
                 "more would not show other views better (--steps)"
             )
-        if self.higher_degree:
-            yield (
-                f"colours depend on the direction that they are seen from: harmonics of degree "
-                f"{self.sh_degree} (--sh-degree)"
-            )
+        if self.degree_because:
+            yield self.degree_because
 
     def add_to(self, metrics: dict[str, Any]) -> None:
         """Adds itself to the content of metrics.json, with notes on what the preset has not."""
@@ -80,7 +71,10 @@ class Complexity:
 
 
 def choose_complexity(
-    scene: Scene, options: TrainOptions, report: Callable[[str], None] = lambda text: None
+    scene: Scene,
+    options: TrainOptions,
+    report: Callable[[str], None] = lambda text: None,
+    degree_because: str = "",
 ) -> Complexity:
     """Chooses the number of Gaussians of a run.
 
@@ -88,15 +82,17 @@ def choose_complexity(
         scene: as it is trained on.
         options: for this scene; `max_gaussians` other than "auto" stays.
         report: receives a line for each choice and its reason.
+        degree_because: see `choose_degree`.
 
     Returns:
         The preset's number, or a smaller one if training views, or their pixels, are few.
     """
     most, views = options.most_gaussians, len(scene.train_indices)
+    preset = get_preset_value(options, "steps")
+    fewer_steps = preset - options.steps if is_from_preset(options, "steps") else 0
     chosen = Complexity(
-        most, options.sh_degree, views, steps=options.steps,
-        fewer_steps=-_count_over_preset(options, "steps"),
-        higher_degree=_count_over_preset(options, "sh_degree"),
+        most, options.sh_degree, views, steps=options.steps, fewer_steps=fewer_steps,
+        degree_because=degree_because,
     )  # fmt: skip
     if options.max_gaussians == AUTO:
         chosen = _bound_number(scene, chosen)
@@ -104,30 +100,6 @@ def choose_complexity(
     for line in chosen.explain_changes():
         report(line)
     return chosen
-
-
-def choose_degree(scene: Scene, options: TrainOptions) -> TrainOptions:
-    """Raises the degree of harmonics if it is open and colours depend on the viewing direction.
-
-    Args:
-        scene: as it is trained on.
-        options: of the run.
-    """
-    if not is_from_preset(options, "sh_degree"):
-        return options
-    share = measure_unpredicted_share(scene)
-    return (
-        raise_degree(options, _HIGHEST) if share is not None and share < _UNPREDICTED else options
-    )
-
-
-def _count_over_preset(options: TrainOptions, name: str) -> int:
-    """Returns the difference to the preset's value; 0 if the user has given one."""
-    return (
-        getattr(options, name) - get_preset_value(options, name)
-        if is_from_preset(options, name)
-        else 0
-    )
 
 
 def _bound_number(scene: Scene, given: Complexity) -> Complexity:

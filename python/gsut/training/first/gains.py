@@ -56,11 +56,13 @@ def find_first_gains(scene: Scene) -> np.ndarray | None:
         (V, 3), of mean zero over the training views; other views take their neighbours' in time.
         None if the points do not clearly show that gains differ.
     """
-    seen = sample_points(scene, _SEEN_BY)
+    seen = _sample_points(scene)
     if seen is None:
         return None
-    gains, are_certain = fit_gains(seen)
-    if not are_certain:
+    samples = seen.view, seen.point, seen.logs, seen.falloff
+    gains, error = _fit_robustly(*samples, len(seen.views))
+    _, without = _fit_robustly(*samples, 0)
+    if gains.mean(axis=1).std() < _DIFFER or error > _LEFT_OVER * without:
         return None
     out = np.zeros((len(scene.views), 3))
     out[seen.views] = gains
@@ -71,13 +73,12 @@ def find_first_gains(scene: Scene) -> np.ndarray | None:
 
 
 @dataclasses.dataclass(frozen=True)
-class PointColors:
+class _PointColors:
     """Samples of the colours that photographs show at the scene's points.
 
     Attributes:
         views: (V,) the scene's views that were used.
         view, point: (n,) rows of `views`, and numbers of points from 0.
-        positions: (n, 3) of the samples' points.
         logs: (3, n) logarithms of the colours.
         falloff: (orders, n) powers of the distance from the image's middle.
     """
@@ -85,13 +86,12 @@ class PointColors:
     views: np.ndarray
     view: np.ndarray
     point: np.ndarray
-    positions: np.ndarray
     logs: np.ndarray
     falloff: np.ndarray
 
 
-def sample_points(scene: Scene, seen_by: int) -> PointColors | None:
-    """Samples colours of points that `seen_by` training views see; None if there are too few."""
+def _sample_points(scene: Scene) -> _PointColors | None:
+    """Samples colours of points that `_SEEN_BY` training views see; None if there are too few."""
     train = np.array(scene.train_indices)
     views = train[np.unique(np.linspace(0, len(train) - 1, _MOST_VIEWS).round().astype(int))]
     if len(views) < _FEWEST_VIEWS or not len(scene.points):
@@ -100,22 +100,14 @@ def sample_points(scene: Scene, seen_by: int) -> PointColors | None:
     seen = [_sample_view(scene, int(view), points) for view in views]
     view = np.repeat(np.arange(len(seen)), [len(rows) for rows, *_ in seen])
     point, colors, radius = (np.concatenate(column) for column in zip(*seen, strict=True))
-    often = np.bincount(point, minlength=len(points))[point] >= seen_by
+    often = np.bincount(point, minlength=len(points))[point] >= _SEEN_BY
     view, rows = view[often], point[often]
     if np.bincount(view, minlength=len(views)).min() < _FEWEST_SEEN:
         return None
     logs = np.log(np.ascontiguousarray(colors[often].T))
     falloff = radius[often] ** (2 * np.arange(1, _ORDERS + 1)[:, None])
     point = np.unique(rows, return_inverse=True)[1]
-    return PointColors(views, view, point, points[rows], logs, falloff)
-
-
-def fit_gains(seen: PointColors) -> tuple[np.ndarray, bool]:
-    """Returns log-gains (V, 3) of the views, of mean zero, and whether they clearly differ."""
-    samples = seen.view, seen.point, seen.logs, seen.falloff
-    gains, error = _fit_robustly(*samples, len(seen.views))
-    _, without = _fit_robustly(*samples, 0)
-    return gains, gains.mean(axis=1).std() >= _DIFFER and error <= _LEFT_OVER * without
+    return _PointColors(views, view, point, logs, falloff)
 
 
 def _sample_view(
