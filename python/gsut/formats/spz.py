@@ -23,7 +23,7 @@ from gsut.formats._quantize import (
     restore_largest,
     to_bytes,
 )
-from gsut.gaussians import Gaussians
+from gsut.gaussians import Gaussians, transform_gaussians
 
 _MAGIC = 0x5053474E
 _HEADER = struct.Struct("<IIIBBBB")
@@ -34,6 +34,12 @@ _ANTIALIASED = 1  # a bit of the flags
 _EXTENDED = 2  # a bit of the flags: records of kind and size follow the Gaussians
 _RECORD = struct.Struct("<II")  # kind and size in bytes of what follows
 _ORBIT = 0xADBE0002  # a kind: how far a viewer should turn around the scene
+_AXES = 0xADBE0003  # a kind: the axes of the Gaussians, as a number
+# Axes by that number; unspecified ones are those of PLY files. From 9 on, writers disagree.
+_AXES_NAMES = ("unspecified", "LDB", "RDB", "LUB", "RUB", "LDF", "RDF", "LUF", "RUF")
+_AXES_READ = ("unspecified", "RDF")  # x right, y down, z forward: kept as they are
+_AXES_TURNED = "RUB"  # x right, y up, z backward: half a turn about x away
+_DOWN_FROM_UP = np.diag([1.0, -1.0, -1.0])  # that turn
 _MOST_EXTENDED = 1 << 20  # bytes of such records
 _LARGEST = 2**23 - 1  # of a position, in steps
 _MOST_FRACTIONAL_BITS = 24
@@ -170,7 +176,7 @@ def _build_streams(head: tuple[int, ...], planes: list[bytes]) -> bytes:
 @register_reader("SPZ", ".spz")
 def _read(path: Path) -> SceneFile:
     data = read_bytes(path)
-    layout, planes = (
+    layout, planes, records = (
         _decompress_gzip(path, data) if data[:2] == _GZIP else _decompress_zstandard(path, data)
     )
     bytes_of = [np.frombuffer(plane, np.uint8) for plane in planes]
@@ -189,6 +195,8 @@ def _read(path: Path) -> SceneFile:
         logits_from_opacity(alphas / 255),
         np.concatenate([constant, rest], axis=1),
     )
+    if _read_axes(path, records) == _AXES_TURNED:
+        gaussians = transform_gaussians(gaussians, _DOWN_FROM_UP, 1.0, np.zeros(3))
     return SceneFile(gaussians, bool(layout.flags & _ANTIALIASED))
 
 
@@ -226,7 +234,9 @@ def _check_header(
     return layout
 
 
-def _decompress_gzip(path: Path, data: bytes) -> tuple[_Layout, list[bytes]]:
+def _decompress_gzip(
+    path: Path, data: bytes
+) -> tuple[_Layout, list[bytes], list[tuple[int, bytes]]]:
     stream = zlib.decompressobj(16 + zlib.MAX_WBITS)
     try:
         head = stream.decompress(data, _HEADER.size)
@@ -243,18 +253,22 @@ def _decompress_gzip(path: Path, data: bytes) -> tuple[_Layout, list[bytes]]:
         body = stream.decompress(stream.unconsumed_tail, sum(sizes) + more + 1)
     except zlib.error as error:
         raise InputError(f"{path}: damaged: {error}") from None
+    records = []
     if layout.flags & _EXTENDED and len(body) > sum(sizes):
-        _note_extensions(path, body[sum(sizes) :])
+        records = _list_records(path, body[sum(sizes) :])
         body = body[: sum(sizes)]
     if len(body) != sum(sizes) or not stream.eof:
         raise InputError(
             f"{path}: {layout.count:,} Gaussians need {sum(sizes):,} bytes, {len(body):,} or more "
             "are there; it is truncated or damaged"
         )
-    return layout, [body[a:b] for a, b in itertools.pairwise(np.cumsum([0, *sizes]))]
+    planes = [body[a:b] for a, b in itertools.pairwise(np.cumsum([0, *sizes]))]
+    return layout, planes, records
 
 
-def _decompress_zstandard(path: Path, data: bytes) -> tuple[_Layout, list[bytes]]:
+def _decompress_zstandard(
+    path: Path, data: bytes
+) -> tuple[_Layout, list[bytes], list[tuple[int, bytes]]]:
     if len(data) < _HEADER_4.size:
         raise InputError(f"{path}: no SPZ file, or truncated in the header")
     *head, streams, table = _HEADER_4.unpack_from(data)
@@ -284,33 +298,55 @@ def _decompress_zstandard(path: Path, data: bytes) -> tuple[_Layout, list[bytes]
         if len(planes[-1]) != size:
             raise InputError(f"{path}: stream {number} has not the {size:,} bytes that it says")
     planes += [b""] * (len(sizes) - len(planes))
-    if layout.flags & _EXTENDED:
-        _note_extensions(path, data[begin:])
-    return layout, planes
+    records = []
+    if layout.flags & _EXTENDED:  # before the table, or behind the streams
+        records = _list_records(path, data[_HEADER_4.size : table])
+        records += _list_records(path, data[begin:])
+    return layout, planes, records
 
 
-def _note_extensions(path: Path, data: bytes) -> None:
-    """Warns of records behind the Gaussians that may change what they mean.
+def _list_records(path: Path, data: bytes) -> list[tuple[int, bytes]]:
+    """Splits the records beside the Gaussians into kind and content.
 
     Raises:
         InputError: they are cut off.
     """
-    kinds, place = [], 0
+    records, place = [], 0
     while place < len(data):
-        if place + _RECORD.size > len(data):
-            raise InputError(f"{path}: truncated or damaged in the records behind its Gaussians")
-        kind, size = _RECORD.unpack_from(data, place)
-        place += _RECORD.size + size
-        kinds.append(kind)
-    if place > len(data):
-        raise InputError(f"{path}: truncated or damaged in the records behind its Gaussians")
-    unknown = [f"{kind:#010x}" for kind in kinds if kind != _ORBIT]
+        end = place + _RECORD.size
+        kind, size = _RECORD.unpack_from(data, place) if end <= len(data) else (0, 0)
+        place = end + size
+        if place > len(data):
+            raise InputError(f"{path}: truncated or damaged in the records beside its Gaussians")
+        records.append((kind, data[end:place]))
+    return records
+
+
+def _read_axes(path: Path, records: list[tuple[int, bytes]]) -> str:
+    """Reads the axes from the records, and warns of those that are not known.
+
+    Raises:
+        InputError: axes that gsut does not read, or contradicting records.
+    """
+    found = {content for kind, content in records if kind == _AXES}
+    numbers = {int.from_bytes(content, "little") for content in found}
+    names = {_AXES_NAMES[n] if n < len(_AXES_NAMES) else f"number {n}" for n in numbers}
+    if any(len(content) != 4 for content in found) or len(names) > 1:
+        raise InputError(f"{path}: damaged in the record of its coordinate system ({_AXES:#010x})")
+    axes = names.pop() if names else _AXES_READ[0]
+    if axes not in (*_AXES_READ, _AXES_TURNED):
+        raise InputError(
+            f"{path}: its coordinate system is {axes} (record {_AXES:#010x}), and gsut reads "
+            f"{', '.join(_AXES_READ)} and {_AXES_TURNED}; save it with one of these"
+        )
+    unknown = [f"{kind:#010x}" for kind, _ in records if kind not in (_ORBIT, _AXES)]
     if unknown:
         warnings.warn(
             f"{path}: its extensions {', '.join(unknown)} are not read; one of them may say that "
             "the scene has other axes",
             stacklevel=3,
         )
+    return axes
 
 
 FORMAT = Format(

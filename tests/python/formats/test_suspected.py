@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import gsut
-from gsut.formats import save_gaussians
+from gsut.formats import WriteSettings, save_gaussians
 from random_scenes import fisheye, gaussians_in_view, rng_of
 
 
@@ -55,3 +55,43 @@ def test_spz_with_records_cut_off_is_refused(scene, tmp_path, cut):
     extend(path, struct.pack("<II3f", 0xADBE0002, 12, -0.5, 0.5, 1.0), cut)
     with pytest.raises(gsut.InputError, match="truncated or damaged"):
         gsut.load_gaussians(path)
+
+
+AXES = {0: 1, 6: 1, 4: -1}  # number of a coordinate system: sign of y and z as they are read
+
+
+def add_axes_in_front(path, number: int):
+    """Adds a record to an SPZ of version 4: between header and table, as its library does."""
+    data = bytearray(path.read_bytes())
+    data[14] |= 2
+    (table,) = struct.unpack_from("<I", data, 16)
+    data[16:20] = struct.pack("<I", table + 12)
+    path.write_bytes(bytes(data[:32]) + struct.pack("<III", 0xADBE0003, 4, number) + data[32:])
+
+
+def write_axes(path, scene, version: int, number: int):
+    if version == 4:
+        pytest.importorskip("zstandard")
+    save_gaussians(path, scene, WriteSettings(spz_version=version))
+    if version == 4:
+        add_axes_in_front(path, number)
+    else:
+        extend(path, struct.pack("<III", 0xADBE0003, 4, number))
+
+
+@pytest.mark.parametrize("version", [3, 4])
+@pytest.mark.parametrize("number", AXES)
+def test_spz_with_axes_loads_in_the_axes_of_ply(scene, tmp_path, version, number):
+    save_gaussians(tmp_path / "plain.spz", scene)
+    write_axes(tmp_path / "axes.spz", scene, version, number)
+    plain, read = (gsut.load_gaussians(tmp_path / f"{name}.spz") for name in ("plain", "axes"))
+    sign = AXES[number]
+    np.testing.assert_array_equal(read.means, plain.means * np.float32([1, sign, sign]))
+
+
+@pytest.mark.parametrize("version", [3, 4])
+@pytest.mark.parametrize(("number", "name"), [(8, "RUF"), (1, "LDB"), (9, "number 9")])
+def test_spz_of_axes_that_are_not_read_is_refused_by_name(scene, tmp_path, version, number, name):
+    write_axes(tmp_path / "a.spz", scene, version, number)
+    with pytest.raises(gsut.InputError, match=f"its coordinate system is {name}"):
+        gsut.load_gaussians(tmp_path / "a.spz")
