@@ -35,11 +35,13 @@ _MOST_ROUNDS = 10  # of rejecting outliers and solving again; a few suffice
 _GOOD_START_PX = 2.0  # RMS with all corners above which a start has found a wrong minimum
 _LEAST_FITTING = 0.5  # share of a board's corners; below it the board's pose is wrong
 _PARTS = (0.8, 0.6, 0.4, 0.25)  # of the boards, innermost first, to try if all together fail
+# Flags of fisheye solutions: OpenCV 5 has those of cv2 alone.
+_FISHEYE_FLAGS = cv2.fisheye if hasattr(cv2.fisheye, "CALIB_FIX_SKEW") else cv2
 # Beyond the boards that they were fitted to, high coefficients bend a lens away: combinations of
 # coefficients to hold at 0 until the outer boards are in.
 _HELD_AT_ZERO = (
-    cv2.fisheye.CALIB_FIX_K3 | cv2.fisheye.CALIB_FIX_K4,
-    cv2.fisheye.CALIB_FIX_K2 | cv2.fisheye.CALIB_FIX_K3 | cv2.fisheye.CALIB_FIX_K4,
+    _FISHEYE_FLAGS.CALIB_FIX_K3 | _FISHEYE_FLAGS.CALIB_FIX_K4,
+    _FISHEYE_FLAGS.CALIB_FIX_K2 | _FISHEYE_FLAGS.CALIB_FIX_K3 | _FISHEYE_FLAGS.CALIB_FIX_K4,
 )
 _STEEPEST = np.radians(80.0)  # field angle up to which a fisheye gives the start of a radial lens
 
@@ -231,9 +233,9 @@ def _fit_fisheye_at_once(
     observed, keep, board, size, guess, held=0
 ) -> tuple[np.ndarray, np.ndarray]:
     flags = held | (
-        cv2.fisheye.CALIB_RECOMPUTE_EXTRINSIC
-        | cv2.fisheye.CALIB_FIX_SKEW
-        | cv2.fisheye.CALIB_USE_INTRINSIC_GUESS
+        _FISHEYE_FLAGS.CALIB_RECOMPUTE_EXTRINSIC
+        | _FISHEYE_FLAGS.CALIB_FIX_SKEW
+        | _FISHEYE_FLAGS.CALIB_USE_INTRINSIC_GUESS
     )
     points = [board.locate_corners()[k][None] for k in keep]
     pixels = [o[k][None] for o, k in zip(observed, keep, strict=True)]

@@ -9,6 +9,7 @@
 #include <algorithm>
 #include <array>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "bindings/arrays.h"
@@ -165,6 +166,36 @@ std::vector<LensPrior> ReadLensPriors(SettingsReader* settings) {
   return priors;
 }
 
+// Rows of both images, a rotation by rows, the columns by the calibration one after the other, and
+// a standard deviation.
+void ReadTurns(SettingsReader* settings, std::size_t images, StructureOptions* options) {
+  std::vector<std::vector<double>> rows;
+  std::vector<double> sigmas;
+  settings->Read("turns", &rows);
+  settings->Read("calibration_sigma", &sigmas);
+  options->calibration_sigma =
+      Eigen::Map<const Eigen::VectorXd>(sigmas.data(), static_cast<Eigen::Index>(sigmas.size()));
+  for (const std::vector<double>& row : rows) {
+    const std::size_t unknowns = sigmas.size();
+    if (row.size() != 12 + 3 * unknowns) {
+      throw InputError(
+          "turns must have two images, nine numbers, three an unknown of the "
+          "calibration, and a standard deviation in a row");
+    }
+    TurnPrior& turn = options->turns.emplace_back();
+    for (const auto& [image, value] : {std::pair(&turn.first, row[0]), {&turn.second, row[1]}}) {
+      if (!(value >= 0 && value < static_cast<double>(images))) {
+        throw InputError("turns names an image that is not there");
+      }
+      *image = static_cast<int>(value);
+    }
+    turn.rotation = Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(&row[2]);
+    turn.by_calibration =
+        Eigen::Map<const Eigen::Matrix3Xd>(row.data() + 11, 3, static_cast<Eigen::Index>(unknowns));
+    turn.sigma = row.back();
+  }
+}
+
 // cameras: lenses; camera_of_image: which of them took each image; pixels: (F, 2) an image;
 // settings: StructureOptions by name. descriptors, if given, let tracks grow into images that no
 // match reaches; they are not copied.
@@ -227,6 +258,7 @@ Inputs ReadInputs(const std::vector<const Camera*>& cameras,
   settings.Read("rate_sigma", &options.rate_sigma);
   settings.Read("places", &places);
   settings.Read("place_sigma", &place_sigma);
+  ReadTurns(&settings, inputs.images.size(), &options);
   settings.CheckAllRead({"descriptors"});
   // Names and arrays that are no plain fields of the options are converted here.
   options.shutter = Shutter::Named(shutter);

@@ -1,20 +1,18 @@
-"""`./run bench page`: a page of one file in Chromium: size, start, moving frames, error at rest."""
+"""`./run bench page`: a page of one file in Chromium: size, start, moving frames, errors."""
 
 from __future__ import annotations
 
-import base64
 import json
 import re
 import sys
-import tempfile
 import time
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from gsut.formats import load_gaussians
 from gsut.lens import Camera
 from gsut.render import render, to_uint8
 from tests.bench.harness import WRONG, Benchmark, Column, Option, Row, Settings
@@ -24,10 +22,32 @@ _MOST_LEVELS = 1  # of 255, of a right picture at rest
 # Flags of Chromium and what follows the page's address, by what draws.
 _WAYS: dict[str, tuple[tuple[str, ...], str]] = {
     "WebAssembly": ((), ""),
-    "WGSL on SwiftShader": (
-        ("--enable-unsafe-webgpu", "--use-webgpu-adapter=swiftshader"), "#card",
+    "WebGL 2 on SwiftShader": (("--enable-unsafe-swiftshader",), "#card"),
+    "WebGL 2, WGSL on SwiftShader": (
+        ("--enable-unsafe-swiftshader", "--enable-unsafe-webgpu",
+         "--use-webgpu-adapter=swiftshader"), "#card",
     ),
 }  # fmt: skip
+_SIDE = 400  # pixels, of the frames that are compared
+# Field angles, degrees, between which moving frames are compared with those at rest.
+_FIELD = (0.0, 30.0, 60.0, 90.0, 180.0)
+# A frame of a moving eye and the same at rest, and milliseconds of ten more, each from a new place.
+_BOTH = """
+  const values = {{ ...request(false), width: {side}, height: {side} }}, times = [];
+  const read = ({{ picture }}) => {{
+    const copy = new OffscreenCanvas(picture.width, picture.height), brush = copy.getContext("2d");
+    brush.drawImage(picture, 0, 0);
+    return Array.from(brush.getImageData(0, 0, picture.width, picture.height).data);
+  }};
+  const moving = read(await server.frame({{ ...values, moving: true }}));
+  const still = read(await server.frame(values));
+  for (let k = 0; k < 10; k++) {{
+    const began = performance.now(), pose = [...values.pose];
+    pose[3] += 0.01 * k;
+    await server.frame({{ ...values, pose, moving: true }});
+    times.push(performance.now() - began);
+  }}
+  return [moving, still, times];"""
 # Turns the eye for some seconds; returns frames a second and their mean width, in the second half
 # unless a frame takes longer.
 _WALK = """
@@ -75,12 +95,17 @@ def measure(case: Row, settings: Settings) -> Row:
         window.wait("JSON.parse(document.body.dataset.frame).lossless && !busy && !wanted")
         found = window.read_canvas()[..., :3].astype(np.int64)
         pace = window.run("return $('pace').textContent;")
+        gaussians = window.read_gaussians()
+        content = json.loads(window.run("return JSON.stringify(server.content);"))
+        moved, still, times = window.run(_BOTH.format(side=_SIDE))
         window.run("state.lossless = false;")
         moving, width = window.run(_WALK.format(seconds=settings.seconds))
         height = width * window.run("return lens.height / lens.width;")
-    off = int(np.abs(found - _draw_again(text)).max())
+    camera = _read_camera(content)
+    off = int(np.abs(found - _draw_again(content, camera, gaussians)).max())
     row = {
         "first_seconds": first, "moving": moving, "size": f"{width:.0f} x {height:.0f}",
+        "by_angle": _compare(moved, still, camera), "frame_ms": float(np.median(times)),
         "levels": off, "megabytes": len(text.encode()) / 1e6, "module_kb": _read_size(text) / 1e3,
         "drawn_by": pace.rpartition(", ")[2],
     }  # fmt: skip
@@ -97,30 +122,37 @@ def _read_part(text: str, name: str) -> str:
 
 def _read_size(text: str) -> int:
     """Reads the size of the compressed module, bytes."""
-    return len(base64.b64decode(_read_part(text, "core")))
+    return len(_read_part(text, "core")) * 4 // 5  # base 85
 
 
-def _draw_again(text: str) -> np.ndarray:
-    """Draws what the page shows first by gsut.render."""
-    content: dict[str, Any] = json.loads(_read_part(text, "content"))
-    with tempfile.TemporaryDirectory(prefix="gsut-page-") as folder:
-        scene = Path(folder) / "scene.spz"
-        scene.write_bytes(base64.b64decode(_read_part(text, "scene")))
-        gaussians = load_gaussians(scene)
-    gaussians.origin = gaussians.origin + np.array(content["origin"])
-    view = content["scene"]["views"][0]
-    lens = content["lenses"][view["lens"]]
-    camera = Camera(
+def _read_camera(content: dict[str, Any]) -> Camera:
+    """Reads the camera of what the page shows first."""
+    lens = content["lenses"][content["scene"]["views"][0]["lens"]]
+    return Camera(
         lens["model"], lens["params"], lens["width"], lens["height"],
         **({"valid_field_angle": lens["valid_field_angle"]} if lens["valid_field_angle"] else {}),
     )  # fmt: skip
+
+
+def _compare(moved: list[int], still: list[int], camera: Camera) -> str:
+    """Compares two frames by field angle: rms, levels of 255, from ring to ring of _FIELD."""
+    off = np.subtract(moved, still).astype(np.float64).reshape(_SIDE, _SIDE, 4)[..., :3]
+    rays, valid = camera.resize(_SIDE, _SIDE).rays()
+    angles = np.degrees(np.arccos(np.clip(rays[..., 2], -1, 1)))
+    rings = (valid & (angles >= low) & (angles < high) for low, high in pairwise(_FIELD))
+    return ", ".join(f"{np.sqrt((off[ring] ** 2).mean()):.2f}" for ring in rings if ring.any())
+
+
+def _draw_again(content: dict[str, Any], camera: Camera, gaussians: Any) -> np.ndarray:
+    """Draws what the page shows first by gsut.render."""
+    view = content["scene"]["views"][0]
     pose = np.reshape(view["pose"], (4, 4))
     image = render(gaussians, camera, pose, background=content["background"]).image
     return np.rot90(to_uint8(image).astype(np.int64), -view.get("turns", 0))
 
 
 BENCHMARK = Benchmark(
-    help="a page of one file in headless Chromium: size, start, moving frames, error at rest",
+    help="a page of one file in headless Chromium: size, start, moving frames, errors",
     columns=(
         Column("page"),
         Column("way"),
@@ -130,6 +162,8 @@ BENCHMARK = Benchmark(
         Column("first_seconds", "first picture", "s", ".1f"),
         Column("moving", "moving frames per second", form=".1f"),
         Column("size", "their size", "px", "s"),
+        Column("frame_ms", "one of 400 x 400", "ms", ".0f"),
+        Column("by_angle", "rms to rest, within 30, 60, 90 degrees, beyond", "levels", "s"),
         Column("levels", "off at rest", "levels of 255", "d"),
     ),
     cases=list_cases,

@@ -6,6 +6,7 @@
 #include <chrono>
 #include <stdexcept>
 #include <thread>
+#include <utility>
 #include <vector>
 
 #include "gsut/base/errors.h"
@@ -15,6 +16,7 @@
 #include "gsut/sfm/lens_evaluation.h"
 #include "gsut/geometry/camera_chain.h"
 #include "gsut/geometry/pose_block.h"
+#include "gsut/geometry/rotation_vector.h"
 #include "synthetic_bundle.h"
 
 namespace gsut {
@@ -24,6 +26,8 @@ namespace {
 constexpr double kDifferences = 6e-11;
 // Exact data: where Levenberg-Marquardt stops, which is not yet rounding; worst 1.1e-8.
 constexpr double kExact = 2e-8;
+// Radians: what pixels leave of a turn that is stated a thousand times more exactly; worst 1e-5.
+constexpr double kTurned = 2e-5;
 // Some units in the last place; worst 1.3e-15.
 constexpr double kRounding = 2.6e-15;
 
@@ -155,6 +159,61 @@ TEST(AdjustBundle, PriorsHoldVelocitiesThatNothingTells) {
   for (const Velocity& velocity : bundle.velocities) {
     EXPECT_LT((velocity - prior.mean).norm(), kRounding);
   }
+}
+
+// One camera may turn, over points that stay: a turn stated much more exactly than pixels are seen
+// decides, unless the gyroscope's calibration takes it up.
+TEST(AdjustBundle, TurnPriorsDecideUnlessTheirCalibrationIsOpen) {
+  const Bundle exact = MakeBundle(WideLens(), 3, 60, 77);
+  const auto rotation = [](const Bundle& bundle, int first, int second) {
+    return Eigen::Matrix3d(bundle.camera_from_world[second].rotation *
+                           bundle.camera_from_world[first].rotation.transpose());
+  };
+  const Eigen::Matrix3d off = RotationOfVector({0.002, -0.003, 0.001});
+  BundleOptions options;
+  options.through_lens = true;
+  options.function_tolerance = 1e-14;
+  options.point_fixed.assign(exact.points.size(), 1);
+  options.image_fixed = {1, 0, 1};
+  TurnPrior& turn = options.turn_priors.emplace_back();
+  turn.first = 0;
+  turn.second = 1;
+  turn.rotation = off * rotation(exact, 0, 1);
+  turn.by_calibration = Eigen::Matrix3d::Identity();
+  turn.sigma = 1e-5;
+  for (const double open : {1e-9, 1e3}) {
+    options.calibration_sigma = Eigen::Vector3d::Constant(open);
+    for (const bool is_second : {true, false}) {
+      Bundle bundle = exact;
+      if (!is_second) {
+        std::swap(turn.first, turn.second);
+        turn.rotation = off * rotation(exact, 1, 0);
+      }
+      AdjustBundle(&bundle, options);
+      const Eigen::Matrix3d left =
+          rotation(bundle, turn.first, turn.second) *
+          (open < 1.0 ? turn.rotation : rotation(exact, turn.first, turn.second)).transpose();
+      EXPECT_LT(VectorOfRotation(left).norm(), kTurned) << open << is_second;
+      if (!is_second) {
+        std::swap(turn.first, turn.second);
+        turn.rotation = off * rotation(exact, 0, 1);
+      }
+    }
+  }
+}
+
+TEST(AdjustBundle, RefusesTurnsThatDoNotFit) {
+  Bundle bundle = MakeBundle(WideLens(), 3, 60, 78);
+  BundleOptions options;
+  options.calibration_sigma = Eigen::Vector3d::Ones();
+  TurnPrior& turn = options.turn_priors.emplace_back();
+  turn.second = 1;
+  EXPECT_THROW(AdjustBundle(&bundle, options), InputError);  // no column for the calibration
+  turn.by_calibration = Eigen::Matrix3d::Identity();
+  turn.second = 3;
+  EXPECT_THROW(AdjustBundle(&bundle, options), InputError);
+  turn.second = 0;
+  EXPECT_THROW(AdjustBundle(&bundle, options), InputError);
 }
 
 TEST(PoseCovariances, GrowWithVelocitiesToEstimate) {

@@ -16,6 +16,8 @@ from typing import Any
 import numpy as np
 import pytest
 
+import gsut
+
 _FLAGS = (
     "--headless=new", "--no-sandbox", "--disable-gpu", "--disable-background-networking",
     "--disable-sync", "--hide-scrollbars", "--force-color-profile=srgb",
@@ -80,6 +82,27 @@ class Browser:
         """The pixels of the page's canvas, (H, W, 4) uint8."""
         width, height, data = self.run(_CANVAS_PIXELS)
         return np.array(data, np.uint8).reshape(height, width, 4)
+
+    def read_gaussians(self) -> gsut.Gaussians:
+        """The Gaussians that a page of one file holds."""
+        parts = self.run("""
+          const text = (array) => {
+            const bytes = new Uint8Array(array.buffer), pieces = [];
+            for (let i = 0; i < bytes.length; i += 30000) {
+              pieces.push(String.fromCharCode(...bytes.subarray(i, i + 30000)));
+            }
+            return btoa(pieces.join(""));
+          };
+          return server.gaussians.parts.map(text);""")
+        means, quats, scales, logits, sh = (
+            np.frombuffer(base64.b64decode(text), np.float32) for text in parts
+        )
+        n = len(logits)
+        origin = np.array(self.run("return server.content.origin;"))
+        return gsut.Gaussians(
+            means.reshape(n, 3), quats.reshape(n, 4), scales.reshape(n, 3), logits,
+            sh.reshape(n, -1, 3), origin,
+        )  # fmt: skip
 
     def devtools(self, command: str, **values: Any) -> Any:
         return self._ask("/goog/cdp/execute", {"cmd": command, "params": values})

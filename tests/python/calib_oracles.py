@@ -100,7 +100,9 @@ def calibrate_stereo(first: CameraSolution, second: CameraSolution, board: Board
         *corners,
         *lenses,
         (first.width, first.height),
-        flags=cv2.fisheye.CALIB_FIX_INTRINSIC if fisheye else flags,
+        flags=getattr(cv2.fisheye, "CALIB_FIX_INTRINSIC", cv2.CALIB_FIX_INTRINSIC)
+        if fisheye
+        else flags,
         criteria=(cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 300, 1e-12),
     )
     return np.concatenate([cv2.Rodrigues(answer[5])[0].ravel(), answer[6].ravel()])

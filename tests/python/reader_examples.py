@@ -23,6 +23,7 @@ from gsut import formats
 from gsut.blocks.layout import Layout
 from gsut.capture.exif import read_facts
 from gsut.capture.track import read_film_facts
+from gsut.capture.turns import read_gcsv
 from gsut.capture.video import Video
 from gsut.cli.edit import _read_undo
 from gsut.data.capture_file import read_capture
@@ -39,6 +40,7 @@ from gsut.render.confidence import Confidence
 from gsut.run.checkpoint import read_checkpoint, write_checkpoint
 from gsut.run.folder import RunFolder, read_run_json
 from gsut.run.history import read_history
+from gsut.sfm.photographs.moments import read_turns
 from gsut.sfm.report.output import read_figures
 from gsut.sfm.world import read_positions
 from gsut.surface import Mesh, load_mesh, save_mesh
@@ -242,6 +244,18 @@ EXAMPLES: dict[str, Make] = {
         "large.ply", write_scene, lambda file: formats.open_ply(file, 10_000)
     ),
     "mesh": write_by("m.off", write_mesh, load_mesh),
+    "Gyroflow's log": write_by(
+        "film.gcsv",
+        lambda file: file.write_text("GYROFLOW IMU LOG\nversion,1.3\nt,gx,gy,gz\n0,1,2,3\n"),
+        read_gcsv,
+    ),
+    "turns beside capture.json": write_by(
+        "turns.npz",
+        lambda file: np.savez(file, gyroscope=np.ones((3, 4))),
+        lambda file: read_turns(
+            file.parent, {"turns": {"path": file.name, "records": [{"source": "gyroscope"}]}}
+        ),
+    ),
     "sensors of a film": write_by(
         "sensors.mp4", lambda file: small_videos.walk_past(file, 4), read_film_facts
     ),

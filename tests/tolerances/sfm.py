@@ -18,6 +18,8 @@ SCHUR_DENSE = 5e-12  # of sums of some hundred; least squares in another order; 
 ONE_WINDOW = 1 + 1e-9  # sigma by one window over that of all images; worst 1 + 4e-13
 SFM_READOUT_TIME = 0.0015  # of the time between frames; worst 7.6e-4
 SFM_RATE_DEGREES = 1.0  # a second, of 9: rates of frames from the flow
+MARKER_CORNER_PX = 0.5  # corners of ray-traced markers of 50 pixels
+MARKER_LENGTH = 0.001  # relative, of a path by two markers
 SFM_EARTH_METRES = 0.2  # beside 1.2 of the noise of GPS; worst 0.15
 SFM_EARTH_SCALE = 0.01  # relative, with GPS of 0.1 m on a path of 60; worst of 40 seeds 0.0017
 SFM_MEASURED_UP_DEGREES = 5.0  # 24 sensors' ups of 6 degrees; worst of 40 seeds 3.9
@@ -70,3 +72,13 @@ CENTER_HELD_PX = 1e-4  # a principal point by a prior of 1e-8 px; worst 2e-7
 LEARNED_MAPS = 1e-4  # outputs of the network, float32 in another order; worst 2.3e-5
 LEARNED_FEATURES = 1e-5  # scores and descriptors of keypoints; worst 7e-7
 LEARNED_COSINE = 0.999  # median, of descriptors in bytes with those of the network; worst 0.9997
+
+# Of a gyroscope's record: rates that hold between rows, integrated exactly; worst 2.6e-3, by the
+# row in which a rate changes.
+GYROSCOPE_INTEGRAL = 5e-3
+GYROSCOPE_DERIVATIVES = 1e-4
+GYROSCOPE_OFFSET_SECONDS = 1e-3
+GYROSCOPE_BIAS = 1e-3
+GYROSCOPE_AXES = 5e-3
+GYROSCOPE_SCALE = 5e-3
+GYROSCOPE_FOCAL_SIGMAS = 3.0

@@ -59,6 +59,15 @@ void CheckMotions(const Bundle& bundle, const BundleOptions& options) {
   if (!options.mount_free.empty() && static_cast<int>(options.mount_free.size()) != mounts) {
     throw InputError("mount_free must be empty or have one flag a mount");
   }
+  for (const TurnPrior& turn : options.turn_priors) {
+    const auto inside = [&](int image) { return image >= 0 && image < static_cast<int>(images); };
+    if (!inside(turn.first) || !inside(turn.second) || turn.first == turn.second || mounts > 0 ||
+        turn.by_calibration.cols() != options.calibration_sigma.size() || !(turn.sigma > 0)) {
+      throw InputError(
+          "a turn must be between two images without a rig, with one column an unknown of the "
+          "calibration and a standard deviation above 0");
+    }
+  }
 }
 
 // Throws InputError for an index out of range, or a list whose length does not fit; says which.

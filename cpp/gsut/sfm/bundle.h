@@ -57,6 +57,15 @@ struct PlacePrior {
   Eigen::Vector3d sigma = Eigen::Vector3d::Constant(std::numeric_limits<double>::infinity());
 };
 
+// How one camera is turned against another as a gyroscope measured it, with what its calibration
+// (bias, scale ...) changes: rotation <- exp(by_calibration c) rotation, c unknown.
+struct TurnPrior {
+  int first = 0, second = 0;                               // images
+  Eigen::Matrix3d rotation = Eigen::Matrix3d::Identity();  // second_from_first
+  Eigen::Matrix3Xd by_calibration;                         // one column an unknown
+  double sigma = 1.0;                                      // radians, of each component
+};
+
 struct BundleOptions {
   // False: the residual of Bearing (valid to 180 degrees, no lens in the loop). True: the pixel of
   // the point through the lens minus the pixel seen; where a point has left the lens' domain, the
@@ -85,6 +94,11 @@ struct BundleOptions {
   // Centres are held near stated places (one an image; empty: none; a rig's first image stands for
   // its body). They fix the gauge, which no image then needs to hold.
   std::vector<PlacePrior> place_priors;
+  // Turns between images that no rig holds, and the standard deviations of their calibration, which
+  // is estimated too and not returned. PoseCovariances leaves them out: its result is an upper
+  // bound.
+  std::vector<TurnPrior> turn_priors;
+  Eigen::VectorXd calibration_sigma;
   double noise = 1.0;  // of observations in pixels a coordinate, against which priors are weighed
   // Which mounts are adjusted, one flag each; empty: none. Where the scale is held by an image, it
   // is the mounts' length that follows.

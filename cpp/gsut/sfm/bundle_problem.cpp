@@ -46,6 +46,7 @@ BundleProblem::BundleProblem(const Bundle& bundle, const BundleOptions& options)
   for (std::size_t image = 0; image < options_.image_fixed.size(); ++image) {
     if (options_.image_fixed[image]) fixed_body_[BodyOf(static_cast<int>(image))] = 1;
   }
+  state_.calibration.setZero(options.calibration_sigma.size());
   MakeBlocks();
   MakeSystem();
 }
@@ -87,6 +88,9 @@ void BundleProblem::MakeBlocks() {
       lens_params_[c].push_back(static_cast<int>(first));
     }
   }
+  if (!options_.turn_priors.empty() && state_.calibration.size() > 0) {
+    calibration_block_ = add(static_cast<int>(state_.calibration.size()));
+  }
 }
 
 void BundleProblem::MakeSystem() {
@@ -102,8 +106,12 @@ void BundleProblem::MakeSystem() {
       if (block >= 0) own.blocks[own.num_blocks++] = block;
     }
   }
-  system_ = std::make_unique<ReducedSystem>(sizes_, num_bodies_,
-                                            static_cast<int>(state_.points.size()), observations);
+  const int num_points = static_cast<int>(state_.points.size()) + AppendTurns(&observations);
+  system_ = std::make_unique<ReducedSystem>(sizes_, num_bodies_, num_points, observations);
+  if (calibration_block_ >= 0) {
+    system_->PriorWeights(calibration_block_) =
+        options_.noise * options_.calibration_sigma.cwiseInverse();
+  }
   // The gauge: seven degrees of freedom change no picture. Six are the pose of the gauge's body,
   // the seventh, the scale, is one coordinate of another centre.
   for (int body = 0; body < state_.num_bodies(); ++body) {
@@ -201,7 +209,7 @@ double BundleProblem::EvaluatePriors() {
     system_->PriorResiduals(block) = system_->PriorWeights(block).cwiseProduct(change);
     cost += 0.5 * system_->PriorResiduals(block).squaredNorm();
   }
-  return cost + EvaluateLensPriors();
+  return cost + EvaluateLensPriors() + EvaluateTurns();
 }
 
 double BundleProblem::EvaluateLensPriors() {
@@ -303,6 +311,7 @@ bool BundleProblem::Step() {
     lens += change;
     count(change.squaredNorm(), lens.squaredNorm());
   }
+  if (calibration_block_ >= 0) state_.calibration += system_->BlockStep(calibration_block_);
   for (std::size_t p = 0; p < state_.points.size(); ++p) {
     if (Flag(options_.point_fixed, static_cast<int>(p))) continue;
     const Eigen::Vector3d& change = system_->PointStep(static_cast<int>(p));

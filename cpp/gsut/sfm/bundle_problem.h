@@ -4,6 +4,7 @@
 #include <Eigen/Core>
 #include <cstdint>
 #include <memory>
+#include <utility>
 #include <vector>
 
 #include "gsut/sfm/bundle.h"
@@ -47,6 +48,11 @@ class BundleProblem {
   // cost.
   double EvaluatePriors();
   double EvaluateLensPriors();
+  // Adds the observations of turns, after all others; returns their points.
+  int AppendTurns(std::vector<ReducedSystem::Dependence>* observations) const;
+  double EvaluateTurns();
+  void WriteHalfTurn(int row, const Eigen::Vector3d& residual, double by_point,
+                     const std::vector<std::pair<int, Eigen::Matrix3Xd>>& by_blocks);
   // Whether something is known of a camera's lens that is estimated.
   bool HasPrior(std::size_t camera) const {
     return lens_block_[camera] >= 0 && !options_.lens_priors.empty() &&
@@ -63,6 +69,7 @@ class BundleProblem {
   std::vector<std::uint8_t> used_body_, fixed_body_, used_lens_, used_mount_;
   // The system's blocks: of a body its pose and, if it moves, velocity; -1: stays as it is.
   std::vector<int> sizes_, body_block_, mount_block_, lens_block_;
+  int calibration_block_ = -1;
   int num_bodies_ = 0;                         // among the blocks
   std::vector<Eigen::MatrixXd> lens_columns_;  // of all parameters, and of the free ones only
   std::vector<Eigen::MatrixXd> free_columns_;

@@ -29,6 +29,7 @@ struct BundleState {
   std::vector<PoseBlock> mounts;
   std::vector<Eigen::Vector3d> points;
   std::vector<std::vector<double>> lenses;
+  Eigen::VectorXd calibration;                     // of the gyroscope, from that of the priors
   std::vector<int> body_of_image, mount_of_image;  // one an image; mount -1: none
   std::vector<int> image_of_body;                  // the first
 };

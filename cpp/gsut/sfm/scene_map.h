@@ -149,6 +149,8 @@ class SceneMap {
   double ScaleOfSigmas(BundleOptions* options) const;
   void SetLensPriors(BundleOptions* options) const;
   void SetPlacePriors(const std::vector<int>& image_of, BundleOptions* options) const;
+  // place: of each image in the bundle, -1: it has none.
+  void SetTurnPriors(const std::vector<int>& place, BundleOptions* options) const;
   void SetPriors(const Bundle& bundle, const std::vector<int>& image_of,
                  BundleOptions* options) const;
   // How much images move during their readout, by their velocities; of an adjustment of everything.

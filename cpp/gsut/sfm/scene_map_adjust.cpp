@@ -220,6 +220,18 @@ void SceneMap::SetPlacePriors(const std::vector<int>& image_of, BundleOptions* o
   }
 }
 
+void SceneMap::SetTurnPriors(const std::vector<int>& place, BundleOptions* options) const {
+  const double scale = ScaleOfSigmas(options);
+  options->calibration_sigma = scale * options_.calibration_sigma;
+  for (TurnPrior turn : options_.turns) {
+    turn.first = place[turn.first];
+    turn.second = place[turn.second];
+    if (turn.first < 0 || turn.second < 0) continue;
+    turn.sigma *= scale;
+    options->turn_priors.push_back(std::move(turn));
+  }
+}
+
 void SceneMap::SetLensPriors(BundleOptions* options) const {
   const double scale = ScaleOfSigmas(options);
   options->lens_priors = options_.lens_priors;

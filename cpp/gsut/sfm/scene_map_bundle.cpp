@@ -100,6 +100,7 @@ Bundle SceneMap::MakeBundle(const std::vector<std::uint8_t>* images_free,
   options->loss_scale = loss_pixels_;
   if (rolling()) SetPriors(bundle, *image_of, options);
   if (images_free == nullptr && !options_.places.empty()) SetPlacePriors(*image_of, options);
+  if (images_free == nullptr && !options_.turns.empty()) SetTurnPriors(place, options);
   if (!options_.lens_priors.empty()) SetLensPriors(options);
   if (images_free != nullptr) {
     const auto fixed = std::count(options->image_fixed.begin(), options->image_fixed.end(), 1);

@@ -90,6 +90,10 @@ struct StructureOptions {
   // a body stands for it. Empty: not known.
   std::vector<Eigen::Vector3d> places;
   Eigen::Vector3d place_sigma = Eigen::Vector3d::Ones();
+  // Turns between images as a gyroscope measured them (bundle.h), for RefineStructure without a
+  // rig, and the standard deviations of their calibration. Empty: not known.
+  std::vector<TurnPrior> turns;
+  Eigen::VectorXd calibration_sigma;
   // At the end points are looked for in images that do not see them yet: features within this many
   // pixels of their projection whose descriptor, of unit length, is no farther than that from the
   // points' own. Rounds of it; 0: none.

@@ -76,6 +76,20 @@ class PhotographFacts:
 
 
 @dataclasses.dataclass(frozen=True)
+class TurnRecord:
+    """How a camera, or the picture that it stabilised, turned during a film.
+
+    Attributes:
+        source: "gyroscope" or "orientations".
+        rates: (N, 4) seconds since the beginning, and rad/s in the axes of the frames shown, as far
+            as the file names them; each row holds until the next one; NaN: not recorded until then.
+    """
+
+    source: str
+    rates: np.ndarray
+
+
+@dataclasses.dataclass(frozen=True)
 class FilmFacts:
     """What is known of a film beside its frames.
 
@@ -87,6 +101,7 @@ class FilmFacts:
             metres.
         forces: (M, 4) seconds, and what the accelerometer felt in m/s^2 in the camera's axes of
             the frames shown: gravity's reaction, which points up, and its own acceleration.
+        turns: records of how it turned.
         notes: what could not be read.
     """
 
@@ -94,4 +109,5 @@ class FilmFacts:
     rotation: int = 0
     track: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 4)))
     forces: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 4)))
+    turns: tuple[TurnRecord, ...] = ()
     notes: tuple[str, ...] = ()

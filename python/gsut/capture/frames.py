@@ -26,6 +26,7 @@ from gsut.capture.choose import (
 from gsut.capture.flow import FRAMES_BESIDE, FlowFrame, FlowSearch, shrink_frame
 from gsut.capture.strip import write_strip
 from gsut.capture.track import average_ups, interpolate_places, read_film_facts
+from gsut.capture.turns import write_turns
 from gsut.capture.video import Decode, Video
 from gsut.data import CAPTURE, read_capture
 from gsut.data.scene import capture_state, describe_changes
@@ -62,7 +63,8 @@ class Capture:
         figures: the content of capture.json: kind, inputs, notes, size, and "frames", one row a
             picture with its name and, of a video, number, time (seconds), sharpness, flow (see
             FlowSearch), place (latitude, longitude, altitude) and up (in the camera's axes);
-            "name_rate" is how many numbers of the names a second has.
+            "name_rate" is how many numbers of the names a second has; "turns" what the camera
+        recorded of its turns, see `write_turns`.
     """
 
     path: Path
@@ -157,6 +159,8 @@ def extract_frames(
             for name, c, b, place, up in zip(names, chosen, unsharp, places, ups, strict=True)
         ],
     }  # fmt: skip
+    if facts.turns:
+        figures["turns"] = write_turns(folder, facts.turns)
     write_strip(folder, figures["frames"])
     write_json(folder / CAPTURE, figures)
     return Capture(folder, figures)

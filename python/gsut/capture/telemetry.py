@@ -22,15 +22,21 @@ _MOST_SAMPLE = 16 << 20
 # GPMF's types and numpy's.
 _TYPES = {"b": "i1", "B": "u1", "s": "i2", "S": "u2", "l": "i4", "L": "u4", "f": "f4", "d": "f8",
           "j": "i8", "J": "u8"}  # fmt: skip
-# Streams of GPMF that are read: positions of HERO11 and later, of HERO5 to 10 and of drones, and
-# acceleration.
-_GPMF_STREAMS = ("GPS9", "GPS5", "GLPI", "ACCL")
+# Streams of GPMF that are read: positions of HERO11 and later, of HERO5 to 10 and of drones,
+# acceleration, angular velocity, and a frame's orientations of camera and stabilised picture.
+_GPMF_STREAMS = ("GPS9", "GPS5", "GLPI", "ACCL", "GYRO", "CORI", "IORI")
+# Of these the ones of a sensor, in its axes.
+_SENSORS = ("ACCL", "GYRO")
+# Microseconds at which a payload of the gyroscope begins by the camera's clock, as a stream.
+STAMPS = "GYRO STMP"
 # GPMF's axes (Z up, X left, Y backward) as rows of the camera's (x right, y down, z forward).
 _CAMERA_AXES = {"X": (-1, 0, 0), "Y": (0, 0, -1), "Z": (0, -1, 0)}
 # Order of the axes where a file does not name them.
 _AXES = "ZXY"
 # Layout of camm's packets with positions by their number, and where latitude begins.
 _CAMM_PLACES = {5: ("<3d", 0), 6: ("<dIddf", 2)}
+# The number and layout of its packets of angular velocity.
+_CAMM_GYRO = 2, "<3f"
 # Least fix of GPS with a position: in two dimensions.
 _LEAST_FIX = 2
 
@@ -41,7 +47,8 @@ def read_streams(video: Path) -> tuple[int, dict[str, np.ndarray]]:
     Returns:
         Degrees clockwise by which frames are turned to be shown, a multiple of 90. By GPMF's names,
         rows (N, 1 + M) of seconds since the beginning and M values: "ACCL" m/s^2 in the camera's
-        axes; "GPS5", "GPS9" and "GLPI" as the camera orders them; {} if there are none. A damaged
+        axes; "GYRO" rad/s in the same; "CORI" and "IORI" quaternions (w, x, y, z) of a frame each;
+        "GPS5", "GPS9" and "GLPI" as the camera orders them; STAMPS; {} if there are none. A damaged
         film has what stands before the damage.
     """
     import av
@@ -85,6 +92,8 @@ def _read_sample(data: bytes) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
             yield name, rows, np.arange(len(rows)) / len(rows)
         return
     number = struct.unpack_from("<H", data, 2)[0] if len(data) >= 4 else -1
+    if number == _CAMM_GYRO[0] and len(data) >= 4 + struct.calcsize(_CAMM_GYRO[1]):
+        yield "GYRO", np.array([struct.unpack_from(_CAMM_GYRO[1], data, 4)]), np.zeros(1)
     layout, first = _CAMM_PLACES.get(number, ("", 0))
     if layout and len(data) >= 4 + struct.calcsize(layout):
         values = struct.unpack_from(layout, data, 4)
@@ -103,10 +112,14 @@ def read_gpmf(payload: bytes) -> Iterator[tuple[str, np.ndarray]]:
                 rows = _read_rows(held, wanted) if wanted in held else None
                 fixed = _read_rows(held, "GPSF") if "GPSF" in held else None
                 lost = fixed is not None and fixed[0, 0] < _LEAST_FIX
-                if rows is not None and wanted == "ACCL":
+                if rows is not None and wanted in _SENSORS:
                     rows = _turn_axes(rows, held)
-                if rows is not None and not lost:
-                    yield wanted, rows
+                if rows is None or lost:
+                    continue
+                yield wanted, rows
+                stamp = _read_rows(held, "STMP") if "STMP" in held else None
+                if wanted == "GYRO" and stamp is not None:
+                    yield STAMPS, stamp[:1, :1]
 
 
 def _turn_axes(rows: np.ndarray, held: dict[str, list]) -> np.ndarray | None:
@@ -155,7 +168,7 @@ def _read_rows(held: dict[str, list], key: str) -> np.ndarray | None:
         return None
     table = np.frombuffer(data, layout)
     rows = np.stack([table[name].astype(np.float64) for name in layout.names or ()], axis=1)
-    if key in ("GPSF", "SCAL") or "SCAL" not in held:
+    if key in ("GPSF", "SCAL", "STMP") or "SCAL" not in held:
         return rows
     scale = _read_rows(held, "SCAL")
     if scale is None or scale.size not in (1, rows.shape[1]) or not scale.all():

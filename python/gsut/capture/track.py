@@ -11,6 +11,7 @@ import numpy as np
 
 from gsut.capture.facts import FilmFacts
 from gsut.capture.telemetry import read_streams
+from gsut.capture.turns import find_turn_records, turn_axes
 from gsut.capture.video import read_camera_name
 from gsut.files import open_binary, register_reader
 
@@ -44,15 +45,16 @@ def read_film_facts(video: Path) -> FilmFacts:
 
     Args:
         video: an MP4 or MOV; of a drone, with NAME.SRT beside it. Of other films only the
-            subtitles are read.
+            subtitles, and NAME.gcsv by Gyroflow, are read.
     """
     rotation, streams = read_streams(video)
     forces = streams.get("ACCL", np.zeros((0, 4)))
     good = np.isfinite(forces).all(axis=1) & (np.abs(forces[:, 1:]) < _MOST_FORCE).all(axis=1)
     track, note = _find_track(video, streams)
+    turns, damages = find_turn_records(video, streams, rotation)
     return FilmFacts(
-        read_camera_name(video), rotation, track, _turn_forces(forces[good], rotation),
-        tuple(filter(None, [note])),
+        read_camera_name(video), rotation, track, turn_axes(forces[good], rotation), turns,
+        tuple(filter(None, [note, *damages])),
     )  # fmt: skip
 
 
@@ -78,14 +80,6 @@ def _find_track(video: Path, streams: dict[str, np.ndarray]) -> tuple[np.ndarray
         if len(rows) >= _FEWEST:
             return rows, ""
     return np.zeros((0, 4)), note
-
-
-def _turn_forces(forces: np.ndarray, rotation: int) -> np.ndarray:
-    """Turns what the camera felt into the axes of frames that are shown turned clockwise."""
-    turned = forces.copy()
-    for _ in range(rotation // 90):
-        turned[:, 1], turned[:, 2] = -turned[:, 2], turned[:, 1].copy()
-    return turned
 
 
 def interpolate_places(

@@ -42,6 +42,19 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "and 0.3 pixels wider, show it as gsut does; gsut itself then shows it a little thinner "
         "[default gsut: as it is]",
     )  # fmt: skip
+    pages = parser.add_argument_group("of a page (.html)")
+    pages.add_argument("--title", help="[default: the run's or file's name]")
+    pages.add_argument(
+        "--view", action="append", metavar="NAME=WHERE", default=[], dest="views",
+        help="a view to choose by its name: WHERE is a photograph's name, or a JSON file of the "
+        "viewer's Screenshot or Path (several poses are a flight); the page starts at the first "
+        "[repeatable]",
+    )  # fmt: skip
+    pages.add_argument(
+        "--address", metavar="URL",
+        help="where the page will be published: a picture for previews of links (Open Graph) is "
+        "written beside it, as .jpg",
+    )  # fmt: skip
     add_json(parser)
 
 
@@ -57,6 +70,8 @@ def run(arguments: argparse.Namespace) -> int:
     if out.suffix.lower() == _PAGE:
         refuse_existing(out)
         return _write_page(arguments, out)
+    if arguments.title is not None or arguments.views or arguments.address is not None:
+        raise InputError(f"{out}: only a page has --title, --view and --address; give an .html")
     chosen = choose_format(out)
     refuse_existing(out)
     path = find_scene_file(Path(arguments.source))
@@ -95,7 +110,11 @@ def _write_page(arguments: argparse.Namespace, out: Path) -> int:
     stage = open_stage(arguments.source, None)
     if stage.gaussians is None or stage.kind == "data":
         raise InputError(f"{arguments.source}: no Gaussians to show; give a run or a scene file")
-    written = Session(stage).write_page(out, _PHOTOGRAPHS)
+    if arguments.address is not None:
+        refuse_existing(out.with_suffix(".jpg"))
+    written = Session(stage).write_page(
+        out, _PHOTOGRAPHS, arguments.title, arguments.views, arguments.address
+    )
     figures = {
         "source": str(arguments.source), "out": str(out), "format": "HTML",
         "bytes": out.stat().st_size, "num_gaussians": len(stage.gaussians),

@@ -16,6 +16,7 @@ _SHAPE: dict[str, Any] = {  # what is read of capture.json, see `check_shape`
     "key": {"inputs": [[(str, int)]]}, "inputs": [str], "notes": [str], "size": [int],
     "camera?": (str, _NOTHING), "focal_px?": _NUMBER, "name_rate?": _NUMBER,
     "lenses?": (_NOTHING, [str]), "lens?": (_NOTHING, dict), "fisheye?": (_NOTHING, dict),
+    "turns?": {"path": str, "records": [{"source": str}]},
     "frames": [{
         "name": str, "path": str, "mask?": (str, _NOTHING), "time?": _NUMBER,
         "place?": (_NOTHING, [_NUMBER]), "flow?": (_NOTHING, [[_NUMBER]]),

@@ -18,6 +18,7 @@ from gsut.data.images import read_header
 from gsut.data.rigs import Rig
 from gsut.data.scene import capture_state
 from gsut.output_folder import claim_folder
+from gsut.sfm.gyroscope import use_gyroscope
 from gsut.sfm.learned import add_learned_features
 from gsut.sfm.lens import (
     free_center,
@@ -63,7 +64,7 @@ from gsut.sfm.solution import (
     solve_poses,
 )
 from gsut.sfm.starts import compare_halves, register_left_out, try_other_starts
-from gsut.sfm.world import place_on_earth
+from gsut.sfm.world import add_markers, place_on_earth, scale_by_markers
 
 
 @dataclasses.dataclass(frozen=True)
@@ -165,11 +166,13 @@ def _map(mapping: Mapping) -> Mapping:
     mapping = register_left_out(mapping)  # pairs, solution: another start may see more of them
     mapping = find_shutter(mapping)  # solution
     mapping = free_center(mapping)  # lens_free, solution
+    mapping = use_gyroscope(mapping)  # turns, solution
     mapping = judge_lens(mapping)  # pairs, solution: where the focal length is stated
     mapping = find_lens_pair(mapping)  # lens_free, solution
     mapping = find_rig_shutter(mapping)  # solution
     mapping = compare_halves(mapping)  # findings alone
     mapping = place_on_earth(mapping, adjust_rig_near_places)  # solution
+    mapping = scale_by_markers(mapping)  # solution
     agreement = measure_agreement(mapping.solved, mapping.pairs)
     return mapping.add_findings(agreement=agreement.share, contradicted=agreement.contradicted)
 
@@ -274,8 +277,10 @@ def _find_matches(mapping: Mapping, stages: Stages) -> Mapping:
         require_features(photographs, features)
     log.watch.record_lap("features")
     is_lens_known = photographs.are_lenses_known
+    mapping = add_markers(mapping.replace(features=features))
+    photographs, features = mapping.photographs, mapping.features
     raw = match_images(photographs.names, features, options, log.show, photographs.frames, stages)
-    mapping = mapping.replace(features=features, raw=raw)
+    mapping = mapping.replace(raw=raw)
     mapping = mapping.add_findings({"lens": "known" if is_lens_known else "estimated"})
     if is_lens_known:
         pairs = verify_matches(mapping.images, raw, options, log.follow_pairs("verifying"))

@@ -3,33 +3,48 @@
 from __future__ import annotations
 
 import base64
+import dataclasses
+import gzip
+import html
 import math
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
+from urllib.parse import urljoin
 
 import numpy as np
 
 from gsut._core import CameraMotion
-from gsut.files import read_bytes, read_package_file, write_file
+from gsut.files import format_json, read_bytes, read_package_file, write_file
 from gsut.formats import WriteSettings, prepare_for_file, save_gaussians
-from gsut.page import embed_json
+from gsut.orientation import turn_size
+from gsut.view.named_views import NamedView
 from gsut.view.stage import Stage
 
 # Longer side in pixels of the photographs in the page.
 _PHOTO_SIDE = 800
+# Longer side in pixels of the picture that programs show beside a link to the page.
+_PREVIEW_SIDE = 1200
 # What the page can show by itself.
 _MODES = ("color", "distance", "alpha", "error")
 # Colours that the page maps distances and errors to, as the viewer does.
 _COLOR_MAPS = ("turbo", "inferno")
 # The page's scripts, in the order in which they run.
-_SCRIPTS = ("exact/core.js", "exact/card.js", "exact/page_server.js", "view.js")
-# Texts that the page hands on, by the id of their element: workers run a script of the page again
-# and one of their own, a graphics card runs the shaders.
-_TEXTS = {
-    "core-code": "exact/core.js", "worker-code": "exact/worker.js",
-    "shaders": "exact/forward.wgsl",
-}  # fmt: skip
+_SCRIPTS = (
+    "exact/core.js", "exact/card.js", "exact/moving.js", "exact/page_server.js", "view.js",
+)  # fmt: skip
+# Texts that these hand on: workers run scripts of their own, a graphics card runs shaders.
+_TEXTS = ("exact/worker.js", "exact/order.js", "exact/forward.wgsl", "exact/moving.glsl")
+# Bytes of the header of an SPZ.
+_HEADER = 16
+# First bytes of a scene whose positions are packed.
+_PACKED = b"GPAG"
+# Step of a position, of a small standard deviation of the Gaussians: 1 % of it by rms.
+_STEP_SHARE = 1 / 32
+# Percentile of the Gaussians' smallest standard deviations that counts as a small one.
+_FEW_PERCENT = 5.0
+# Bits of a coordinate in the curve by which Gaussians are ordered.
+_CURVE_BITS = 16
 # The page may load nothing: scripts, styles, pictures and workers are its own.
 _POLICY = (
     "default-src 'none'; script-src 'unsafe-inline' 'wasm-unsafe-eval' blob:; worker-src blob:; "
@@ -41,55 +56,172 @@ _NOTICE = (
 )
 
 
-def write_page(path: Path, session: Any, photographs: int) -> Any:
+@dataclasses.dataclass(frozen=True)
+class PageSettings:
+    """What a page carries beside the scene.
+
+    Attributes:
+        photographs: how many held-out photographs at most; the others are left out.
+        title: of the page; the stage's name if None.
+        views: to choose from; the page starts at the first.
+        address: where the page will be published; programs that show links then find a picture,
+            which is written beside the page as .jpg.
+    """
+
+    photographs: int
+    title: str | None = None
+    views: tuple[NamedView, ...] = ()
+    address: str | None = None
+
+
+def write_page(path: Path, session: Any, settings: PageSettings) -> Any:
     """Writes a page that shows a stage by gsut's own renderer, without a server.
 
     Args:
         path: of the page, .html.
         session: a `Session` of a stage with Gaussians.
-        photographs: how many held-out photographs it carries at most; the others are left out.
+        settings: what the page carries beside the scene.
 
     Returns:
-        What became of the Gaussians, which the page holds as SPZ.
+        What became of the Gaussians, which the page holds as SPZ does.
     """
     stage = session.stage
     whole = session.shown.load_all()
+    whole = whole[_order_along_curve(whole.means)]
     with TemporaryDirectory(prefix="gsut-") as folder:
         scene = Path(folder) / "scene.spz"
         written = save_gaussians(scene, whole, WriteSettings(antialiased=stage.antialiased))
-        packed = read_bytes(scene)
-    content = _describe(session, _choose_photographs(stage, photographs))
+        packed = _pack_scene(gzip.decompress(read_bytes(scene)))
+    content = _describe(session, _choose_photographs(stage, settings.photographs))
     content["origin"] = prepare_for_file(whole).origin
-    write_file(path, _assemble(content, packed))
+    if settings.title is not None:
+        content["scene"]["name"] = settings.title
+    content["scene"]["presets"] = [_add_view(view, stage, content) for view in settings.views]
+    if settings.address is not None:
+        write_file(path.with_suffix(".jpg"), _draw_preview(session, settings))
+    write_file(path, _assemble(content, packed, _describe_link(path, content, settings)))
     return written
 
 
-def _assemble(content: dict[str, Any], scene: bytes) -> str:
+def _add_view(view: NamedView, stage: Stage, content: dict[str, Any]) -> dict[str, Any]:
+    """Describes a view by its lens' number; a lens that the page lacks is added to it."""
+    cameras = list(stage.cameras)
+    lens = cameras.index(view.camera) if view.camera in cameras else len(content["lenses"])
+    if lens == len(content["lenses"]):
+        content["lenses"].append({**_describe_lens(view.camera), "turns": view.turns})
+    poses = [pose.ravel() for pose in view.poses]
+    return {"name": view.name, "lens": lens, "turns": view.turns, "poses": poses}
+
+
+def _draw_preview(session: Any, settings: PageSettings) -> bytes:
+    """Draws the page's first view as JPEG."""
+    stage = session.stage
+    camera, pose, turns = stage.cameras[0], stage.place()["pose"], 0
+    if settings.views:
+        first = settings.views[0]
+        camera, pose, turns = first.camera, first.poses[0], first.turns
+    width, height = turn_size(camera.width, camera.height, turns)
+    shrink = _PREVIEW_SIDE / max(width, height)
+    wanted = {
+        "pose": np.ravel(pose), "lens": session.lenses.add(camera), "turns": turns,
+        "width": round(shrink * width), "height": round(shrink * height),
+    }  # fmt: skip
+    return bytes(session.draw_frame(wanted).content)
+
+
+def _describe_link(path: Path, content: dict[str, Any], settings: PageSettings) -> str:
+    """Describes the page to programs that show a link to it (Open Graph)."""
+    count, address = content["scene"]["num_gaussians"], settings.address
+    values = {
+        "title": content["scene"]["name"], "type": "website",
+        "description": f"A scene of {count:,} Gaussians to walk through",
+    }  # fmt: skip
+    if address is not None:
+        picture = urljoin(address, path.with_suffix(".jpg").name)
+        values |= {"url": address, "image": picture}
+    rows = (
+        f'<meta property="og:{key}" content="{html.escape(str(value))}">'
+        for key, value in values.items()
+    )
+    return "\n".join(rows)
+
+
+def _assemble(content: dict[str, Any], scene: bytes, link: str) -> str:
     """Puts the page together: markup, style, scripts, the renderer's module, and the scene.
 
     Args:
         content: what the page's server answers from.
-        scene: the Gaussians as SPZ.
+        scene: the Gaussians, see `_pack_scene`.
+        link: elements of the head, see `_describe_link`.
     """
     core = read_package_file("gsut.view", "exact/core.wasm.gz")
+    texts = {name: _read_text(name) for name in (*_SCRIPTS, *_TEXTS)} | {"scripts": _SCRIPTS}
     elements = [
-        _embed("content", "application/json", embed_json(content)),
-        _embed("scene", "application/octet-stream", base64.b64encode(scene).decode()),
-        _embed("core", "application/octet-stream", base64.b64encode(core).decode()),
-        *(_embed(key, "text/plain", _read_text(name)) for key, name in _TEXTS.items()),
-        *(f"<script>{_read_text(name)}</script>" for name in _SCRIPTS),
+        _embed("content", "application/octet-stream", _encode(format_json(content).encode())),
+        _embed("scene", "application/octet-stream", _encode(scene)),
+        _embed("core", "application/octet-stream", _encode(gzip.decompress(core))),
+        _embed("texts", "application/octet-stream", _encode(format_json(texts).encode())),
+        f"<script>{_read_text('exact/loader.js')}</script>",
     ]
     page = _read_text("view.html")
     for old, new in (
         ("<meta charset=\"utf-8\">",
          f'<meta charset="utf-8">\n<meta http-equiv="Content-Security-Policy" content="{_POLICY}">'
-         f"\n{_NOTICE}"),
+         f"\n{_NOTICE}\n{link}"),
+        ("<title>gsut view</title>", f"<title>{html.escape(content['scene']['name'])}</title>"),
         ('<link rel="stylesheet" href="view.css">', f"<style>{_read_text('view.css')}</style>"),
         ('<script src="view.js" defer></script>\n', ""),
         ("</body>", "\n".join(elements) + "\n</body>"),
     ):  # fmt: skip
         page = page.replace(old, new)
     return page
+
+
+def _pack_scene(spz: bytes) -> bytes:
+    """Packs an SPZ so that it compresses well: positions, scales and rotations byte by byte.
+
+    Positions are rounded to a step that Gaussians do not notice, and each is stored by its
+    difference to the one before, lowest bytes first.
+    """
+    data = np.frombuffer(spz, np.uint8)
+    size = int.from_bytes(spz[8:12], "little")
+    wide = np.zeros((3 * size, 4), np.uint8)
+    wide[:, 1:] = data[_HEADER : _HEADER + 9 * size].reshape(-1, 3)
+    places = (wide.view("<i4")[:, 0] >> 8).reshape(size, 3)
+    scales = data[_HEADER + 13 * size : _HEADER + 16 * size].reshape(size, 3)  # as SPZ stores them
+    bits = int(spz[13])
+    if size:
+        smallest = np.exp(np.percentile(scales.min(axis=1), _FEW_PERCENT) / 16 - 10)
+        drop = max(0, min(bits, math.floor(math.log2(smallest * _STEP_SHARE) + bits)))
+        places, bits = (places + (1 << drop >> 1)) >> drop, bits - drop
+    steps = np.diff(places, axis=0, prepend=0)
+    words = np.ascontiguousarray(((steps << 1) ^ (steps >> 31)).astype("<u4").T)
+    planes = words.view(np.uint8).reshape(3, size, 4)[..., :3].transpose(0, 2, 1)
+    header = _PACKED + spz[4:13] + bytes([bits]) + spz[14:_HEADER]
+    rotations = data[_HEADER + 16 * size : _HEADER + 20 * size].reshape(size, 4)
+    between, rest = spz[_HEADER + 9 * size : _HEADER + 13 * size], spz[_HEADER + 20 * size :]
+    return b"".join(
+        (header, planes.tobytes(), between, scales.T.tobytes(), rotations.T.tobytes(), rest)
+    )
+
+
+def _order_along_curve(means: np.ndarray) -> np.ndarray:
+    """Orders points so that neighbours follow each other: by Morton's curve."""
+    low = means.min(axis=0, initial=0.0)
+    span = float(np.ptp(means, axis=0).max(initial=0.0)) or 1.0
+    cells = ((means - low) / span * (2**_CURVE_BITS - 1)).astype(np.uint64)
+    codes = np.zeros(len(means), np.uint64)
+    for bit in range(_CURVE_BITS):
+        for axis in range(3):
+            codes |= ((cells[:, axis] >> np.uint64(bit)) & np.uint64(1)) << np.uint64(
+                3 * bit + axis
+            )
+    return np.argsort(codes, kind="stable")
+
+
+def _encode(data: bytes) -> str:
+    """Compresses and writes bytes in base 85, of digits that no element begins with."""
+    return base64.b85encode(gzip.compress(data, 9, mtime=0)).decode().replace("<", ",")
 
 
 def _embed(name: str, kind: str, text: str) -> str:

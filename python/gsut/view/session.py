@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
@@ -24,7 +24,8 @@ from gsut.view.film import Film
 from gsut.view.frame_request import MODES, FrameRequest, parse_turns
 from gsut.view.frames import Frames
 from gsut.view.lenses import Lenses
-from gsut.view.page_file import write_page
+from gsut.view.named_views import read_named_view
+from gsut.view.page_file import PageSettings, write_page
 from gsut.view.server import Reply, Route
 from gsut.view.shown_gaussians import ShownGaussians
 from gsut.view.stage import Stage
@@ -96,9 +97,14 @@ class Session:
             routes["training"] = self._training
         return routes
 
-    def write_page(self, path: Path, photographs: int) -> Any:
-        """Writes the page with the scene in it as one file; see `page_file.write_page`."""
-        return write_page(path, self, photographs)
+    def write_page(
+        self, path: Path, photographs: int, title: str | None = None,
+        views: Sequence[str] = (), address: str | None = None,
+    ) -> Any:  # fmt: skip
+        """Writes the page with the scene in it as one file; views: "NAME=WHERE", else as
+        `PageSettings`."""
+        named = tuple(read_named_view(text, self.stage) for text in views)
+        return write_page(path, self, PageSettings(photographs, title, named, address))
 
     def describe_scene(self, _: dict[str, Any]) -> Reply:
         """Returns everything that the page needs at its start."""

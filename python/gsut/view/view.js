@@ -9,14 +9,14 @@ const LAYER_NAMES = { cameras: "Cameras", points: "Points", domain: "No ray", ax
 // Number of Gaussians above which these, not the pixels, decide how long a frame takes.
 const LARGE = 200000;
 // Size of a frame while moving, by level, relative to the shown size. The picture shrinks first;
-// Gaussians are left out only if that is not enough.
-const SCALES = { small: [0.2, 0.25, 0.35, 0.5, 0.7, 1], large: [0.35, 0.5, 0.5, 0.5, 0.7, 1] };
+// Gaussians are left out only if that is not enough. smooth: of a page that moves by WebGL.
+const SCALES = { small: [0.2, 0.25, 0.35, 0.5, 0.7, 1], large: [0.35, 0.5, 0.5, 0.5, 0.7, 1], smooth: [0.35, 0.5, 0.7, 1, 1.4, 2] };
 // Share of the Gaussians that a frame while moving is drawn from, by level.
-const SHARES = { small: [1, 1, 1, 1, 1, 1], large: [0.25, 0.25, 0.5, 1, 1, 1] };
+const SHARES = { small: [1, 1, 1, 1, 1, 1], large: [0.25, 0.25, 0.5, 1, 1, 1], smooth: [1, 1, 1, 1, 1, 1] };
 // Milliseconds of a frame above which the level falls.
-const SLOW_MS = 60;
+const SLOW_MS = { small: 60, large: 60, smooth: 33 };
 // Milliseconds of a frame below which the level rises, unless the next one is known to be slow.
-const FAST_MS = 50;
+const FAST_MS = { small: 50, large: 50, smooth: 24 };
 // Milliseconds of a frame above which Gaussians are left out: ten frames a second.
 const SLOWEST_MS = 100;
 // Milliseconds after the last movement until a frame of full quality is requested.
@@ -112,7 +112,8 @@ const NEWEST = 0.3, FADE = 0.995;
 let wanted = false, busy = false, lastMove = -1e9, level = 3, restTimer, shown = 0, drawnTimes = [];
 const took = []; // milliseconds of a frame by level; 0: its first one, which also makes the camera, is to come
 
-const kind = () => (scene.num_gaussians > LARGE ? "large" : "small");
+const isSmooth = () => Boolean(server.isSmooth?.({ mode: state.mode, lens: lens.id }));
+const kind = () => (isSmooth() ? "smooth" : scene.num_gaussians > LARGE ? "large" : "small");
 function size() { // of the picture on the page, CSS pixels
   const area = $("stage").getBoundingClientRect(), shape = lens.width / lens.height;
   const width = Math.max(16, Math.floor(Math.min(area.width, area.height * shape)));
@@ -124,7 +125,7 @@ function request(moving) {
   else {
     const room = Math.sqrt(Math.min(1, MOST_PIXELS / (width * height * devicePixelRatio ** 2)));
     const least = Math.min(1, LEAST_SIDE / Math.max(width, height));
-    const factor = moving ? Math.max(least, SCALES[kind()][level]) : devicePixelRatio * room;
+    const factor = moving ? Math.min(devicePixelRatio, Math.max(least, SCALES[kind()][level])) : devicePixelRatio * room;
     [width, height] = [width, height].map((side) => Math.max(8, Math.round(side * factor)));
   }
   const mode = state.mode === "error" && state.view === null ? "color" : state.mode;
@@ -133,14 +134,22 @@ function request(moving) {
     pose: state.exact ?? poseOf(state.eye), lens: lens.id, turns: lens.turns, width, height, mode, view: state.view, shutter: rolling,
     layers: [...state.layers, ...($("crop-box").open ? ["box"] : [])], crop: state.crop,
     marks: state.marks, quality: moving ? MOVING_QUALITY : state.lossless ? null : 92,
-    clean: state.clean, ground: state.ground, share: moving ? SHARES[kind()][level] : 1,
+    clean: state.clean, ground: state.ground, moving, share: moving ? SHARES[kind()][level] : 1,
   };
 }
 function redraw(moved = true) {
   if (!lens) return;
-  if (moved) lastMove = performance.now();
   wanted = true;
+  if (moved) {
+    lastMove = performance.now();
+    interrupt();
+  }
   if (!busy) frame();
+}
+let resting = Promise.resolve(), interrupt = () => {};
+function drawAtRest(values) { // null as soon as the eye moves; frames at rest are drawn in turn
+  const drawn = (resting = resting.catch(() => {}).then(() => (wanted ? null : server.frame(values))));
+  return isSmooth() ? Promise.race([drawn, new Promise((done) => (interrupt = () => done(null)))]) : drawn;
 }
 async function frame() {
   busy = true;
@@ -148,8 +157,8 @@ async function frame() {
     wanted = false;
     const moving = performance.now() - lastMove < REST_MS, values = request(moving), began = performance.now();
     try {
-      const { picture, span, way } = await server.frame(values);
-      show(picture, values, span, way);
+      const drawn = await (moving ? server.frame(values) : drawAtRest(values));
+      if (drawn) show(drawn.picture, values, drawn.span, drawn.way);
     } catch (error) {
       toast(error.message, 8);
       await new Promise((done) => setTimeout(done, 500));
@@ -164,10 +173,10 @@ async function frame() {
 }
 function chooseLevel(ms) { // of the next moving frame, by the milliseconds of the last one
   if (!took[level]) { took[level] = took[level] === 0 ? ms : 0; return; }
-  took.forEach((before, k) => (took[k] = k === level ? before + NEWEST * (Math.min(ms, 2 * SLOW_MS) - before) : FADE * before));
-  const shares = SHARES[kind()], slowest = (k) => (shares[k - 1] < shares[k] ? SLOWEST_MS : SLOW_MS);
+  const slow = SLOW_MS[kind()], fast = FAST_MS[kind()], shares = SHARES[kind()], slowest = (k) => (shares[k - 1] < shares[k] ? SLOWEST_MS : slow);
+  took.forEach((before, k) => (took[k] = k === level ? before + NEWEST * (Math.min(ms, 2 * slow) - before) : FADE * before));
   if (level > 0 && took[level] > slowest(level)) level--;
-  else if (level < shares.length - 1 && took[level] < FAST_MS && !(took[level + 1] > FAST_MS)) level++;
+  else if (level < shares.length - 1 && took[level] < fast && !(took[level + 1] > fast)) level++;
 }
 function show(picture, values, span, way) {
   const canvas = $("canvas");
@@ -230,12 +239,12 @@ function levelled() {
   redraw();
 }
 let flight = 0;
-function fly(eye, arrive) { // moves the eye smoothly to another pose
+function fly(eye, arrive, ms = 350, through = false) { // moves the eye smoothly to another pose, or at one pace through it
   const from = { R: [...state.eye.R], c: [...state.eye.c] }, began = performance.now(), mine = ++flight;
   const still = matchMedia("(prefers-reduced-motion: reduce)").matches || document.hidden;
   const tick = () => {
     if (mine !== flight) return;
-    const t = still ? 1 : Math.min(1, (performance.now() - began) / 350), s = t * t * (3 - 2 * t);
+    const t = still ? 1 : Math.min(1, (performance.now() - began) / ms), s = through ? t : t * t * (3 - 2 * t);
     if (t >= 1) { Object.assign(state.eye, { R: [...eye.R], c: [...eye.c] }); arrive(); return; }
     state.eye.R = rigid(from.R.map((value, k) => value + s * (eye.R[k] - value)));
     state.eye.c = add(from.c, add(eye.c, from.c, -1), s);
@@ -474,15 +483,31 @@ function goTo(index) {
     $("rolling-row").hidden = !view.rolling;
     choosePhotograph(index);
     history.replaceState(null, "", `#view=${index}`);
-    const thumbnail = $("strip").children[index];
+    const thumbnail = $("strip").querySelector(`[data-view="${index}"]`);
     thumbnail?.scrollIntoView({ block: "nearest", inline: "nearest" });
     redraw();
   };
   useLens(shownAs(scene.lenses[view.lens], view.turns));
   fly(eyeOf(view.pose), arrive);
 }
+// Milliseconds from one pose of a flight to the next.
+const FLIGHT_MS = 1200;
+function visit({ lens: number, turns, poses }) { // a view with a name: its first pose, then along its flight
+  useLens(shownAs(scene.lenses[number], turns));
+  const next = (k) => {
+    redraw();
+    if (k < poses.length) fly(eyeOf(poses[k]), () => next(k + 1), FLIGHT_MS, true);
+  };
+  fly(eyeOf(poses[0]), () => next(1));
+}
 function fillStrip() {
-  $("strip").hidden = $("photo-section").hidden = !scene.views.length;
+  $("strip").hidden = !scene.views.length && !scene.presets?.length;
+  $("photo-section").hidden = !scene.views.length;
+  for (const preset of scene.presets ?? []) {
+    const button = Object.assign(document.createElement("button"), { className: "preset", textContent: preset.name });
+    button.addEventListener("click", () => visit(preset));
+    $("strip").append(button);
+  }
   scene.views.forEach((view, index) => {
     const button = document.createElement("button"), picture = document.createElement("img");
     Object.assign(picture, { loading: "lazy", alt: "", width: Math.round(68 * view.width / view.height), height: 68, src: server.photo(index, 160) });
@@ -816,7 +841,9 @@ async function begin() {
   connect();
   if (innerWidth <= 760) $("panel-toggle").click();
   compare();
-  if (scene.views.length) goTo(Math.min(scene.views.length - 1, Number(/view=(\d+)/.exec(location.hash)?.[1] ?? 0)));
+  const asked = /view=(\d+)/.exec(location.hash)?.[1];
+  if (scene.presets?.length && !asked) visit(scene.presets[0]);
+  else if (scene.views.length) goTo(Math.min(scene.views.length - 1, Number(asked ?? 0)));
   else { reshape = { id: 0 }; await makeLens({ id: 0, fit: windowShape() }); }
   if (scene.kind === "data") await fillFindings();
   if (scene.live) await followTraining();

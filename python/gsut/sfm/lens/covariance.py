@@ -12,7 +12,7 @@ from gsut._core import SolveError
 from gsut.data.poses import find_centers
 from gsut.lens import Camera
 from gsut.sfm.lens.information import WeightedObservations, differentiate_by_turn, invert_scaled
-from gsut.sfm.solution import CENTER, CENTER_SIGMA, LensFlags, Solution
+from gsut.sfm.solution import CENTER, CENTER_SIGMA, LensFlags, Solution, StatedTurns
 
 # Standard deviations of an image's shift, over the extent of the cameras, and of its turn in
 # radians during a readout: as in the adjustment.
@@ -79,6 +79,7 @@ def estimate_lens_covariances(
     free: LensFlags,
     feature_variance: float = 1.0,
     center_sigma: float = CENTER_SIGMA,
+    turns: StatedTurns | None = None,
 ) -> list[LensCovariance]:
     """Estimates the covariance of each estimated lens; poses and points are free too.
 
@@ -89,7 +90,7 @@ def estimate_lens_covariances(
         solution: poses and points.
         free: flags of the adjusted parameters, see `Adjustment`.
         feature_variance: FEATURE_VARIANCE for features of photographs, 1 for independent errors.
-        center_sigma: see `Adjustment`.
+        center_sigma, turns: see `Adjustment`.
 
     Raises:
         SolveError: the observations do not determine the lens.
@@ -100,11 +101,15 @@ def estimate_lens_covariances(
     moves = solution.shutter is not None
     times = solution.measure_line_times()[seen.rows] if moves else None
     prior = _weigh_velocities(solution, seen.median) if moves else np.zeros(6)
-    normal, freedom = seen.find_information(lambda rows: change[rows], prior, times)
-    noise_of_center = math.sqrt(feature_variance * seen.median / _MEDIAN_SQUARE)
-    normal[np.diag_indices(len(normal))] += _weigh_centers(
-        seen.lenses.cameras, seen.bases, noise_of_center / center_sigma
-    )
+    noise = math.sqrt(feature_variance * seen.median / _MEDIAN_SQUARE)
+    priors = _weigh_centers(seen.lenses.cameras, seen.bases, noise / center_sigma)
+    if turns is not None:
+        turns = dataclasses.replace(
+            turns, sigma=turns.sigma / noise, calibration_sigma=turns.calibration_sigma / noise
+        )
+        priors = np.concatenate([priors, turns.calibration_sigma**-2])
+    normal, freedom = seen.find_information(lambda rows: change[rows], prior, times, turns)
+    normal[np.diag_indices(len(normal))] += priors
     inverse, freedom = invert_scaled(normal), freedom - len(normal)
     if freedom <= 0 or not np.all(np.diag(inverse) > 0):
         raise SolveError(

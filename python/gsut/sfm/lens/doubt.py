@@ -11,13 +11,13 @@ from gsut._core import SolveError
 from gsut.judge.checks import FOCAL_LIMIT
 from gsut.lens import Camera, LensProfile, measure_field_of_view
 from gsut.sfm.lens.center import describe_center
-from gsut.sfm.lens.covariance import estimate_lens_covariances
+from gsut.sfm.lens.covariance import LensCovariance, estimate_lens_covariances
 from gsut.sfm.lens.critical_motion import find_critical_motion
 from gsut.sfm.lens.given import check_given_lens
 from gsut.sfm.lens.prior import weigh_focal_prior
 from gsut.sfm.mapping import Findings, Mapping
 from gsut.sfm.photographs import PosesOptions
-from gsut.sfm.solution import FEATURE_VARIANCE, index_lenses
+from gsut.sfm.solution import FEATURE_VARIANCE, LensFlags, Solution, StatedTurns, index_lenses
 
 _CONTRADICTS = 0.1  # relative difference of focal lengths that needs an explanation
 
@@ -30,24 +30,43 @@ def judge_lens(mapping: Mapping) -> Mapping:
     solution, flags = mapping.solved, mapping.lens_free
     if flags is None:
         return check_given_lens(mapping)
-    sigma, covariances = math.inf, []
-    try:
-        covariances = estimate_lens_covariances(solution, flags, FEATURE_VARIANCE)
-        lenses = index_lenses(solution.cameras, flags)
-        estimated = [c for c, f in zip(lenses.cameras, lenses.free, strict=True) if f is not None]
-        sigma = max(
-            float(covariance.sigmas[0] / lens.params[0])
-            for covariance, lens in zip(covariances, estimated, strict=True)
-        )
-    except SolveError:  # the images do not determine the lens
-        pass
+    sigma, covariances = _measure_focal_sigma(solution, flags, mapping.turns)
     if isinstance(flags, np.ndarray) and mapping.photographs.frames is None:
         lens = solution.cameras[int(np.flatnonzero(solution.registered)[0])]
         mapping = describe_center(mapping, lens, covariances[0] if covariances else None)
     motion = find_critical_motion(solution, mapping.pairs)
     mapping, sigma = weigh_focal_prior(mapping, sigma)
+    if mapping.turns is not None and sigma <= FOCAL_LIMIT:
+        motion = None  # the gyroscope settles what such a motion leaves open
     percent = 100 * sigma if math.isfinite(sigma) else None
+    if mapping.turns is not None:
+        without = _measure_focal_sigma(solution, flags, None)[0]
+        features = 100 * without if math.isfinite(without) else None
+        gyroscope = {"focal_sigma_percent": {"by_features_alone": features, "with": percent}}
+        gyroscope |= mapping.found.figures["gyroscope"]
+        mapping = mapping.add_findings({"gyroscope": gyroscope})
     return mapping.add_findings({"focal_sigma_percent": percent}, motion=motion, focal_sigma=sigma)
+
+
+def _measure_focal_sigma(
+    solution: Solution, flags: LensFlags, turns: StatedTurns | None
+) -> tuple[float, list[LensCovariance]]:
+    """Measures the relative standard deviation of the focal length of the least known lens.
+
+    Returns:
+        It, infinite where the images do not determine the lens; and the lenses' covariances.
+    """
+    try:
+        covariances = estimate_lens_covariances(solution, flags, FEATURE_VARIANCE, turns=turns)
+    except SolveError:
+        return math.inf, []
+    lenses = index_lenses(solution.cameras, flags)
+    estimated = [c for c, f in zip(lenses.cameras, lenses.free, strict=True) if f is not None]
+    sigma = max(
+        float(covariance.sigmas[0] / lens.params[0])
+        for covariance, lens in zip(covariances, estimated, strict=True)
+    )
+    return sigma, covariances
 
 
 def describe_doubt(found: Findings) -> str | None:

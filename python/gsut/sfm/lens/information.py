@@ -15,7 +15,14 @@ import numpy as np
 
 from gsut import _core
 from gsut.data.poses import find_centers
-from gsut.sfm.solution import LOSS_SCALE, LensFlags, Solution, index_lenses, transform_to_cameras
+from gsut.sfm.solution import (
+    LOSS_SCALE,
+    LensFlags,
+    Solution,
+    StatedTurns,
+    index_lenses,
+    transform_to_cameras,
+)
 
 _MOST_IMAGES = 400  # at once; of more the information is added up over windows
 _WINDOW = 150  # images, about
@@ -87,6 +94,7 @@ class WeightedObservations:
         by_shared: Callable[[np.ndarray], np.ndarray],
         prior: np.ndarray,
         times: np.ndarray | None = None,
+        turns: StatedTurns | None = None,
     ) -> tuple[np.ndarray, int]:
         """Finds the information on what all images share; poses and points are free too.
 
@@ -94,6 +102,8 @@ class WeightedObservations:
             by_shared: returns the weighted derivatives (R, 2, F) of some observations.
             prior: (D,) what is known beforehand of an image's unknowns, as their normal equations.
             times: (O,) of the observations' lines: bodies have a velocity too; None: they do not.
+            turns: of a gyroscope, whose standard deviations are in the features' noise: what is
+                not known of its calibration is shared too, after the other unknowns.
 
         Returns:
             The normal equations (F, F), and coordinates minus the directions that poses and points
@@ -109,11 +119,17 @@ class WeightedObservations:
             if times is not None:
                 moved = times[chosen, None, None] * by_pose
                 by_pose = np.concatenate([by_pose, moved], axis=2)
-            own, determined = _core.shared_information(
+            rows = (
                 np.searchsorted(window, self.image[chosen]),
                 np.unique(self.point[chosen], return_inverse=True)[1],
-                by_pose, by_shared(chosen), by_point, prior, _hold_gauge(centers[window], prior),
+                by_pose, by_shared(chosen), by_point,
             )  # fmt: skip
+            gauge = _hold_gauge(centers[window], prior)
+            if turns is not None:
+                rows = _append_turns(
+                    rows, turns.select(window), len(turns.calibration_sigma), gauge
+                )
+            own, determined = _core.shared_information(*rows, prior, gauge)
             total = total + own
             freedom -= determined
         return np.asarray(total), freedom
@@ -131,6 +147,47 @@ class WeightedObservations:
         # psi = w r; over all directions of a residual r in the plane its mean derivative is w^2.
         psi = float(np.mean(weight**2 * self.squared)) / 2
         return noise, lost * psi * float(np.mean(weight)) / float(np.mean(weight**2)) ** 2
+
+
+Rows = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
+
+
+def _append_turns(rows: Rows, turns: StatedTurns | None, unknowns: int, gauge: list[int]) -> Rows:
+    """Appends turns to observations, with the calibration's unknowns as columns of `by_shared`.
+
+    A turn is a point that both images see, each by half of the residual, as in the adjustment.
+
+    Args:
+        rows: images, points, and derivatives by pose, shared unknowns and point.
+        turns: between the same images.
+        unknowns: of the calibration.
+        gauge: unknowns of images that stay.
+    """
+    image, point, by_pose, by_shared, by_point = rows
+    shared = by_shared.shape[2]
+    by_shared = np.concatenate([by_shared, np.zeros((len(image), 2, unknowns))], axis=2)
+    if turns is None:
+        return image, point, by_pose, by_shared, by_point
+    pairs, size = len(turns.images), by_pose.shape[2]
+    half = math.sqrt(2) / turns.sigma
+    # Of the first image, then of the second one: three components, and an empty fourth.
+    of_pose, of_shared, of_point = (
+        np.zeros((2, pairs, 4, width)) for width in (size, shared + unknowns, 3)
+    )
+    of_pose[0, :, :3, 3:6], of_pose[1, :, :3, 3:6] = -half * turns.rotations, half * np.eye(3)
+    of_shared[0, :, :3, shared:] = -half * turns.by_calibration
+    of_point[0, :, :3], of_point[1, :, :3] = -half * np.eye(3), half * np.eye(3)
+    for end in range(2):
+        columns = size * turns.images[:, end, None] + np.arange(size)
+        of_pose[end] *= ~np.isin(columns, gauge)[:, None, :]
+    first = int(point.max(initial=-1)) + 1
+    return (
+        np.concatenate([image, turns.images.T.repeat(2)]),
+        np.concatenate([point, np.tile(np.repeat(first + np.arange(pairs), 2), 2)]),
+        np.concatenate([by_pose, of_pose.reshape(-1, 2, size)]),
+        np.concatenate([by_shared, of_shared.reshape(-1, 2, shared + unknowns)]),
+        np.concatenate([by_point, of_point.reshape(-1, 2, 3)]),
+    )
 
 
 def invert_scaled(normal: np.ndarray) -> np.ndarray:

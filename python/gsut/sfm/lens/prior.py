@@ -132,7 +132,12 @@ def _hold_focal(
     on_step = mapping.log.follow_steps("mapping")
     try:
         held = adjust_registered(
-            start, features, mapping.pairs, options, on_step, Adjustment(free, extend=True)
+            start,
+            features,
+            mapping.pairs,
+            options,
+            on_step,
+            Adjustment(free, extend=True, turns=mapping.turns),
         )
         if held.num_registered == solution.num_registered:
             return held, mapping.pairs
@@ -228,7 +233,9 @@ def _adjust_some(
     start = dataclasses.replace(solution, registered=registered)
     pairs = keep_most_distinct(mapping.pairs, matches)
     motion = ReadoutMotion.hold(solution)
-    adjustment = Adjustment(flags, lens_settled=True, motion=motion, covariances=False)
+    adjustment = Adjustment(
+        flags, lens_settled=True, motion=motion, covariances=False, turns=mapping.turns
+    )
     try:
         return adjust_registered(
             start, mapping.features, pairs, mapping.options, on_step, adjustment

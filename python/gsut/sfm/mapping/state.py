@@ -19,7 +19,7 @@ from gsut.sfm.photographs import (
     Photographs,
     PosesOptions,
 )
-from gsut.sfm.solution import LensFlags, LookAlikes, Solution
+from gsut.sfm.solution import LensFlags, LookAlikes, Solution, StatedTurns
 
 
 @dataclasses.dataclass(frozen=True)
@@ -102,6 +102,7 @@ class Mapping:
         pairs: verified matches.
         solution: poses and points.
         lens_free: flags of estimated lenses' parameters, see `Adjustment`; None: known.
+        turns: what a gyroscope states, or None.
         found: beside poses and points.
     """
 
@@ -118,6 +119,7 @@ class Mapping:
     pairs: list[PairMatches] = dataclasses.field(default_factory=list)
     solution: Solution | None = None
     lens_free: LensFlags = None
+    turns: StatedTurns | None = None
     found: Findings = dataclasses.field(default_factory=Findings)
 
     def replace(self, **changes: Any) -> Mapping:

@@ -1,6 +1,7 @@
 """Photographs with what is known of their lenses, their features, and the options of a run."""
 
 from gsut.sfm.photographs.features import (
+    DESCRIPTOR_LENGTH,
     DESCRIPTOR_SCALE,
     Features,
     ImageLines,
@@ -21,10 +22,12 @@ from gsut.sfm.photographs.listing import (
     list_photographs,
     require_central,
 )
+from gsut.sfm.photographs.moments import order_by_folder
 from gsut.sfm.photographs.options import PosesOptions, add_lens_readout
 from gsut.sfm.photographs.stages import Stages, digest_key
 
 __all__ = [
+    "DESCRIPTOR_LENGTH",
     "DESCRIPTOR_SCALE",
     "FEWEST_IMAGES",
     "TANGENT",
@@ -44,6 +47,7 @@ __all__ = [
     "find_photographs",
     "list_photographs",
     "make_no_features",
+    "order_by_folder",
     "read_features",
     "require_central",
 ]

@@ -17,6 +17,7 @@ from gsut.data.images import find_common_mask, find_mask, read_header
 from gsut.data.layouts import find_images, require_pictures
 from gsut.lens import Camera, LensProfile, find_lens, find_lenses, is_lens_name, load_camera
 from gsut.lens.files import camera_from_values
+from gsut.sfm.photographs.moments import read_turns
 
 FEWEST_IMAGES = 2  # that poses can be estimated from
 _KINDS_LISTED = 5  # endings of file names in a message
@@ -68,7 +69,9 @@ class Photographs:
         places: latitude and longitude in degrees, altitude in metres, by name.
         ups: up in the camera's axes by an accelerometer or gimbal, by name.
         focal_sigma: standard deviation of the logarithm of `exif_focal_px`.
+        turns: records of a film's turns by source: (N, 4) seconds and rad/s, see `read_turns`.
         groups: the images of each unknown lens, where there are several.
+        markers: ids (K,) of each image's markers, whose corners are its first 4 K features.
     """
 
     root: Path
@@ -89,7 +92,9 @@ class Photographs:
     places: dict[str, tuple[float, float, float]] = dataclasses.field(default_factory=dict)
     ups: dict[str, tuple[float, float, float]] = dataclasses.field(default_factory=dict)
     focal_sigma: float | None = None
+    turns: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
     groups: tuple[LensGroup, ...] = ()
+    markers: list[np.ndarray] | None = None
 
     def __len__(self) -> int:
         return len(self.names)
@@ -273,6 +278,7 @@ def _read_captured(path: Path, captured: dict[str, Any]) -> Photographs:
         places={row["name"]: tuple(row["place"]) for row in rows if row.get("place")},
         ups={row["name"]: tuple(row["up"]) for row in rows if row.get("up")},
         focal_sigma=captured.get("focal_sigma"),
+        turns={} if frames is not None else read_turns(path, captured),
         groups=_read_groups(captured, rows),
     )
 

@@ -26,7 +26,7 @@ class PosesOptions:
 
     FLAGS: ClassVar[tuple[str, ...]] = (
         *("unknown_lens", "fov", "refine_rig", "pairs", "shutter", "readout_time"),
-        *("seed", "threads"),
+        *("marker", "seed", "threads"),
     )
 
     # fmt: off
@@ -71,6 +71,10 @@ class PosesOptions:
     readout_direction: str = define_option(
         "top_to_bottom", "Shutter", "order in which lines are read, where the dataset does not say",
         choices=("top_to_bottom", "bottom_to_top", "left_to_right", "right_to_left"),
+    )
+    marker: float | None = define_option(
+        None, "Scale", "edge of the ArUco or AprilTag markers in the pictures; gives metres",
+        unit="m", low=0.0, high=100.0, low_open=True, none="markers are not sought",
     )
     threads: int = define_option(0, "Run", "threads; 0 = all processors", low=0, high=4096)
     seed: int = define_option(0, "Run", "seed of every random number", low=0, high=2**63 - 1)

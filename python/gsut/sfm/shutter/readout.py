@@ -22,7 +22,8 @@ import numpy as np
 from gsut import _core
 from gsut.lens import Camera
 from gsut.sfm.lens import GROUPS, WeightedObservations
-from gsut.sfm.solution import FEATURE_VARIANCE, Solution, order_by_folder, transform_to_cameras
+from gsut.sfm.photographs import order_by_folder
+from gsut.sfm.solution import FEATURE_VARIANCE, Solution, transform_to_cameras
 
 _FEWEST_FRAMES = 6  # with neighbours: fewer do not show how well the time explains them
 _LEAST_EXPLAINED = 0.5  # of the velocities' squares, below which the frames are no video

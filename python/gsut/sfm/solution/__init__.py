@@ -10,6 +10,7 @@ from gsut.sfm.solution.adjustment import (
     ReadoutMotion,
     RigConstraint,
     StatedPlaces,
+    StatedTurns,
     index_lenses,
 )
 from gsut.sfm.solution.evidence import compare_solutions
@@ -31,7 +32,6 @@ from gsut.sfm.solution.solver import (
     OnStep,
     adjust_poses,
     adjust_registered,
-    order_by_folder,
     solve_poses,
 )
 
@@ -50,6 +50,7 @@ __all__ = [
     "RigConstraint",
     "Solution",
     "StatedPlaces",
+    "StatedTurns",
     "adjust_poses",
     "adjust_registered",
     "compare_solutions",
@@ -60,7 +61,6 @@ __all__ = [
     "measure_diagonal",
     "measure_line_times",
     "measure_rotation_angles",
-    "order_by_folder",
     "separate_look_alikes",
     "similarity_from_points",
     "solve_left_out",

@@ -100,6 +100,51 @@ class StatedPlaces:
         return {"places": self.centers.tolist(), "place_sigma": self.sigma.tolist()}
 
 
+@dataclasses.dataclass(frozen=True)
+class StatedTurns:
+    """How cameras are turned against each other, as a gyroscope states it.
+
+    Args:
+        images: (P, 2) first and second image of pairs.
+        rotations: (P, 3, 3) second camera from first one.
+        by_calibration: (P, 3, K) derivatives of a turn (exp(d) rotation) by what is not known of
+            the gyroscope's calibration, which is estimated too.
+        sigma: standard deviation of a component, radians.
+        calibration_sigma: (K,) standard deviations of the calibration.
+    """
+
+    images: np.ndarray
+    rotations: np.ndarray
+    by_calibration: np.ndarray
+    sigma: float
+    calibration_sigma: np.ndarray
+
+    def to_settings(self) -> dict[str, Any]:
+        """Returns the settings that the solver takes.
+
+        As with principal points, they weigh more by the variance that features share.
+        """
+        scale = 1 / math.sqrt(FEATURE_VARIANCE)
+        columns = self.by_calibration.transpose(0, 2, 1).reshape(len(self.images), -1)
+        sigma = np.full((len(self.images), 1), scale * self.sigma)
+        turned = self.rotations.reshape(-1, 9)
+        rows = np.concatenate([self.images, turned, columns, sigma], axis=1)
+        return {"turns": rows.tolist(),
+                "calibration_sigma": (scale * self.calibration_sigma).tolist()}  # fmt: skip
+
+    def select(self, chosen: np.ndarray) -> StatedTurns | None:
+        """Returns the turns between chosen images (M,), numbered as they are; None without any."""
+        own = np.isin(self.images, chosen).all(axis=1)
+        if not own.any():
+            return None
+        return dataclasses.replace(
+            self,
+            images=np.searchsorted(chosen, self.images[own]),
+            rotations=self.rotations[own],
+            by_calibration=self.by_calibration[own],
+        )
+
+
 # See `Adjustment`.
 LensFlags = np.ndarray | Sequence[np.ndarray | None] | None
 
@@ -122,6 +167,7 @@ class Adjustment:
         motion: of `adjust_poses`: images are read line by line.
         extend: of `adjust_poses`: look at the end for points in images that do not see them yet.
         places: of `adjust_poses`: where cameras stood, in the world of the poses, or None.
+        turns: of `adjust_poses` without a rig: how cameras are turned against each other, or None.
         center_sigma: standard deviation of a coordinate of a free principal point from the middle
             of its picture, over the diagonal; infinite: nothing is known of it beforehand.
         min_inliers: fewest inliers of an image while the structure grows.
@@ -136,6 +182,7 @@ class Adjustment:
     motion: ReadoutMotion | None = None
     extend: bool = False
     places: StatedPlaces | None = None
+    turns: StatedTurns | None = None
     center_sigma: float = CENTER_SIGMA
     min_inliers: int = MIN_INLIERS
 

@@ -11,10 +11,9 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import SolveError
-from gsut.data.scene import order_frames
 from gsut.lens import Camera
 from gsut.sfm.matches import ROLLING_ERROR, PairMatches, select_verified_pairs
-from gsut.sfm.photographs import Features, Images, PosesOptions
+from gsut.sfm.photographs import Features, Images, PosesOptions, order_by_folder
 from gsut.sfm.solution.adjustment import (
     LOSS_SCALE,
     PLAIN,
@@ -113,6 +112,8 @@ def adjust_poses(
             settings |= images.lines.to_settings()
     if adjustment.places is not None:
         settings.update(adjustment.places.to_settings())
+    if adjustment.turns is not None:
+        settings.update(adjustment.turns.to_settings())
     is_extended = adjustment.extend or (motion is not None and motion.extend)
     if rig is not None or is_extended:
         descriptors = [f.descriptors for f in images.features]
@@ -163,6 +164,8 @@ def adjust_registered(
     if adjustment.places is not None:
         places = dataclasses.replace(adjustment.places, centers=adjustment.places.centers[chosen])
         adjustment = dataclasses.replace(adjustment, places=places)
+    if adjustment.turns is not None:
+        adjustment = dataclasses.replace(adjustment, turns=adjustment.turns.select(chosen))
     poses = [solution.camera_from_world[i] for i in chosen]
     if isinstance(adjustment.lens_free, list):
         adjustment = dataclasses.replace(
@@ -172,20 +175,6 @@ def adjust_registered(
     return _spread_solution(
         adjust_poses(images, own, poses, options, on_step, adjustment), chosen, solution
     )
-
-
-def order_by_folder(names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
-    """Returns (N,) when images were taken, in frames, and (N,) the folder that each is in.
-
-    Each folder holds the images of one camera, whose frames are ordered by themselves.
-    """
-    folders = [name.rpartition("/")[0] for name in names]
-    of_image = np.array([list(dict.fromkeys(folders)).index(folder) for folder in folders])
-    times = np.zeros(len(names))
-    for folder in range(int(of_image.max(initial=-1)) + 1):
-        own = np.flatnonzero(of_image == folder)
-        times[own] = order_frames([names[int(i)] for i in own])
-    return times, of_image
 
 
 def _list_extension_settings(

@@ -55,7 +55,11 @@ def compare_halves(mapping: Mapping) -> Mapping:
                 half,
                 options,
                 adjustment=Adjustment(
-                    lens_settled=True, motion=motion, covariances=False, min_inliers=HALF_INLIERS
+                    lens_settled=True,
+                    motion=motion,
+                    covariances=False,
+                    turns=mapping.turns,
+                    min_inliers=HALF_INLIERS,
                 ),
             )
             for half in split_matches(mapping)

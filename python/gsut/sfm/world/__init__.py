@@ -7,11 +7,13 @@ from gsut.sfm.world.comparison import (
     read_poses_by_path,
 )
 from gsut.sfm.world.earth import find_stated_up, place_on_earth
+from gsut.sfm.world.markers import add_markers, scale_by_markers
 from gsut.sfm.world.positions import PositionFit, fit_positions, read_positions
 
 __all__ = [
     "PoseErrors",
     "PositionFit",
+    "add_markers",
     "compare_datasets",
     "compare_poses",
     "find_stated_up",
@@ -19,4 +21,5 @@ __all__ = [
     "place_on_earth",
     "read_poses_by_path",
     "read_positions",
+    "scale_by_markers",
 ]

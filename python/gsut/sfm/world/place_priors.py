@@ -97,7 +97,7 @@ def _adjust_images(
     return adjust_registered(
         solution, mapping.features, mapping.pairs, mapping.options,
         mapping.log.follow_steps("mapping"),
-        Adjustment(lens_free, extend=True, motion=motion, places=stated),
+        Adjustment(lens_free, extend=True, motion=motion, places=stated, turns=mapping.turns),
     )  # fmt: skip
 
 

@@ -1,20 +1,6 @@
 // Loads the C++ core compiled to WebAssembly and calls its C functions (cpp/wasm/core.cpp).
 "use strict";
 
-const part = (id) => document.getElementById(id);
-async function unpack(id, format) { // base64 of compressed bytes in a script element
-  if (typeof WebAssembly !== "object" || typeof DecompressionStream !== "function") {
-    throw new Error("this browser is too old for this page; open it in Chrome 95, Firefox 113, Safari 16.4 or later");
-  }
-  try {
-    const packed = Uint8Array.from(atob(part(id).textContent.trim()), (letter) => letter.charCodeAt(0));
-    const stream = new Blob([packed]).stream().pipeThrough(new DecompressionStream(format));
-    return new Uint8Array(await new Response(stream).arrayBuffer());
-  } catch {
-    throw new Error(`this file is damaged: its part "${id}" cannot be read; copy it again`);
-  }
-}
-
 class Core {
   // bytes: of core.wasm, not compressed.
   static async load(bytes) {

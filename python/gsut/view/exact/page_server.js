@@ -1,5 +1,6 @@
 // Answers the viewer's page inside the page itself: the scene, lenses and photographs of this file, drawn
-// by the C++ core as WebAssembly in workers. What gsut view answers over HTTP, with the same names.
+// by the C++ core as WebAssembly in workers and, while the eye moves, by WebGL 2 where there is one. What
+// gsut view answers over HTTP, with the same names.
 "use strict";
 // Threads beyond which copies of the scene cost more than they gain.
 const MOST_WORKERS = 4;
@@ -18,23 +19,29 @@ const MOST_SLIDERS = 24;
 // Columns at which the field of view is measured, and bisections of a focal length.
 const FIELD_SAMPLES = 129, SEARCH_STEPS = 60;
 
-// --- the scene: SPZ of version 3 ------------------------------------------------------------------
+// --- the scene: SPZ of version 3, as page_file.py packs it ------------------------------------------
 function readScene(bytes) {
   const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
   const [magic, version, size] = [0, 4, 8].map((at) => (bytes.length < 16 ? 0 : view.getUint32(at, true)));
   const degree = bytes[12], step = 2 ** -bytes[13], coefficients = (degree + 1) ** 2;
-  if (magic !== 0x5053474e || version !== 3 || degree > 3 || bytes.length !== 16 + size * (20 + 3 * (coefficients - 1))) {
+  if (magic !== 0x47415047 || version !== 3 || degree > 3 || bytes.length !== 16 + size * (20 + 3 * (coefficients - 1))) {
     throw new Error("this file is damaged: its Gaussians are not those that gsut wrote; copy it again");
   }
   let at = 16;
   const take = (each) => bytes.subarray(at, (at += each * size));
-  const positions = take(9), alphas = take(1), colors = take(3), scales = take(3), packed = take(4), rest = take(3 * (coefficients - 1));
+  const planes = take(9), alphas = take(1), colors = take(3), scales = take(3), packed = take(4), rest = take(3 * (coefficients - 1));
   const means = new Float32Array(3 * size), quats = new Float32Array(4 * size), logits = new Float32Array(size), sh = new Float32Array(3 * coefficients * size);
-  for (let i = 0; i < 3 * size; i++) means[i] = (((positions[3 * i] << 8) | (positions[3 * i + 1] << 16) | (positions[3 * i + 2] << 24)) >> 8) * step;
+  for (let k = 0; k < 3; k++) {
+    for (let i = 0, sum = 0; i < size; i++) {
+      const word = planes[3 * k * size + i] | (planes[(3 * k + 1) * size + i] << 8) | (planes[(3 * k + 2) * size + i] << 16);
+      sum += (word >>> 1) ^ -(word & 1);
+      means[3 * i + k] = sum * step;
+    }
+  }
   for (let i = 0; i < size; i++) {
     const opacity = alphas[i] / 255, logit = Math.log(opacity) - Math.log1p(-opacity);
     logits[i] = Math.max(-20, Math.min(20, logit));
-    const word = (packed[4 * i] | (packed[4 * i + 1] << 8) | (packed[4 * i + 2] << 16) | (packed[4 * i + 3] << 24)) >>> 0;
+    const word = (packed[i] | (packed[size + i] << 8) | (packed[2 * size + i] << 16) | (packed[3 * size + i] << 24)) >>> 0;
     const largest = word >>> 30, xyzw = [0, 0, 0, 0];
     let sum = 0, shift = 20;
     for (let k = 0; k < 4; k++) {
@@ -50,7 +57,7 @@ function readScene(bytes) {
     const from = 3 * (coefficients - 1);
     for (let k = 0; k < from; k++) sh[3 * coefficients * i + 3 + k] = (rest[from * i + k] - 128) / 128;
   }
-  return { size, coefficients, parts: [means, quats, Float32Array.from(scales, (byte) => byte / 16 - 10), logits, sh] };
+  return { size, coefficients, stored: { colors, rest }, parts: [means, quats, Float32Array.from({ length: 3 * size }, (_, at) => scales[(at % 3) * size + Math.floor(at / 3)] / 16 - 10), logits, sh] };
 }
 
 // --- poses: 4 x 4 in rows -------------------------------------------------------------------------
@@ -102,13 +109,13 @@ class PageServer {
   }
 
   async start() {
-    try { this.content = JSON.parse(part("content").textContent); } catch { throw new Error('this file is damaged: its part "content" cannot be read; copy it again'); }
-    const [bytes, packed] = await Promise.all([unpack("core", "gzip"), unpack("scene", "gzip")]);
+    const [content, bytes, packed] = await Promise.all(["content", "core", "scene"].map(unpack));
+    this.content = JSON.parse(new TextDecoder().decode(content));
     this.gaussians = readScene(packed);
     this.core = await Core.load(bytes);
     this.models = this.core.models();
     this.lenses = [...this.content.lenses];
-    const code = URL.createObjectURL(new Blob([part("core-code").textContent, part("worker-code").textContent], { type: "text/javascript" }));
+    const code = URL.createObjectURL(new Blob([texts["exact/core.js"], texts["exact/worker.js"]], { type: "text/javascript" }));
     const count = Math.max(1, Math.min(MOST_WORKERS, navigator.hardwareConcurrency || 1));
     this.workers = Array.from({ length: count }, () => {
       const worker = new Worker(code), waiting = new Map();
@@ -122,13 +129,32 @@ class PageServer {
       const send = (task, values) => new Promise((resolve, reject) => { waiting.set(++number, [resolve, reject]); worker.postMessage({ id: number, task, values }); });
       return { send, share: 1 / count };
     });
-    await Promise.all(this.workers.map(({ send }) => send("start", { bytes, ...this.gaussians })));
+    const { size, coefficients, parts } = this.gaussians;
+    await Promise.all(this.workers.map(({ send }) => send("start", { bytes, size, coefficients, parts })));
     this.card = await this.findCard();
+    this.moving = this.findMoving();
+  }
+
+  findMoving() { // null where there is no WebGL 2: the workers draw small frames
+    try { return MovingPicture.find(texts["exact/moving.glsl"], texts["exact/order.js"], this.gaussians); } catch (error) {
+      console.info(`a moving picture is small: ${error.message}`);
+      return null;
+    }
+  }
+  isSmooth({ mode, lens }) { return Boolean(this.moving) && !this.moving.lost && mode === "color" && this.isCentral(this.lenses[lens]); }
+  async drawMoving(values, turns) { // by WebGL 2
+    const { width, height } = values, lens = this.lenses[values.lens], began = performance.now();
+    let picture = await this.moving.draw(this.core, lens, placeAbout(values.pose, this.content.origin), width, height, this.content.background);
+    if (values.marks?.length) {
+      picture = turnedPicture(picture, 0);
+      this.drawMarks(picture.getContext("2d"), this.resize(values.lens, width, height), values);
+    }
+    return { picture: turns ? turnedPicture(picture, turns) : picture, span: null, way: `${Math.round(performance.now() - began)} ms, WebGL 2` };
   }
 
   async findCard() { // null where there is none, or it has no room: the workers draw
     try {
-      const card = await Card.find(part("shaders").textContent);
+      const card = await Card.find(texts["exact/forward.wgsl"]);
       card?.setScene(this.gaussians);
       return card;
     } catch (error) {
@@ -285,6 +311,7 @@ class PageServer {
   async frame(wish) {
     await this.ready;
     const values = asStored(wish), turns = wish.turns ?? 0;
+    if (values.moving && this.isSmooth(values)) return this.drawMoving(values, turns);
     const began = performance.now(), drawn = await this.draw(values, values.mode === "distance"), { width, height } = drawn;
     const data = new ImageData(width, height), out = data.data;
     const span = values.mode === "distance" ? this.colorDistances(drawn, out) : values.mode === "error" ? await this.colorErrors(drawn, values.view, turns, out) : null;

@@ -1,0 +1,162 @@
+"""Calibrates a record of turns by poses: axes, time offset, bias and scale."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+
+import numpy as np
+
+from gsut.gaussians import rotations_from_quaternions
+from gsut.sfm.gyroscope.curve import TurnCurve, exp_quaternions, find_vectors
+
+# Unknowns of a calibration: bias (3), scale, axes (3), time offset.
+UNKNOWNS = 8
+# Standard deviation of a component of the bias, rad/s: of sensors that were not at rest before.
+BIAS_SIGMA = 0.02
+# Standard deviations of changes while the calibration is found: rad/s; a share, since the focal
+# length may be as wrong; radians between a sensor and the picture; seconds.
+_SIGMAS = np.array([*[BIAS_SIGMA] * 3, 0.2, 0.2, 0.2, 0.2, 0.2])
+# Seconds: offsets that are tried, and their steps, in which nobody turns far.
+_LONGEST_OFFSET = 0.3
+_STEP = 0.01
+# Fewest pairs of pictures: three numbers each, against eight unknowns.
+_FEWEST = 10
+# Rounds of least squares.
+_ROUNDS = 6
+# Radians: pictures and sensors measure a turn no better.
+_LEAST_SIGMA = 1e-4
+# Standard deviations beyond which a turn is taken for a wrong pose.
+_WRONG = 5.0
+# Median of the squared length of three normal numbers of variance 1.
+_MEDIAN_SQUARE = 2.366
+
+
+@dataclasses.dataclass(frozen=True)
+class TurnCalibration:
+    """How a record belongs to the pictures of its film.
+
+    Attributes:
+        rotations: (P, 3, 3) recorded turns of the pairs, of camera axes; NaN: not recorded.
+        by_unknowns: (P, 3, UNKNOWNS) their derivatives (exp(d) rotation).
+        used: (P,) bool, the pairs that agree.
+        bias: (3,) rad/s, in the sensor's axes.
+        scale: recorded turns over those of the poses.
+        camera_from_sensor: (3, 3).
+        offset: seconds by which the record is late.
+        sigmas: (UNKNOWNS,) standard deviations of the calibration.
+        sigma: radians, standard deviation of a component of a turn.
+        explained: share of the variance of the poses' turns that the record explains.
+    """
+
+    rotations: np.ndarray
+    by_unknowns: np.ndarray
+    used: np.ndarray
+    bias: np.ndarray
+    scale: float
+    camera_from_sensor: np.ndarray
+    offset: float
+    sigmas: np.ndarray
+    sigma: float
+    explained: float
+
+
+def calibrate_turns(
+    rates: np.ndarray, times: np.ndarray, rotations: np.ndarray
+) -> TurnCalibration | None:
+    """Calibrates a record by poses; None where fewer than ten pairs of them are recorded.
+
+    Args:
+        rates: (N, 4), see `TurnCurve`.
+        times: (P, 2) seconds of the first and second picture of pairs.
+        rotations: (P, 3, 3) second camera from first one.
+    """
+    vectors = find_vectors(rotations)
+    start = _search_start(rates, times, vectors)
+    if start is None:
+        return None
+    offset, axes = start
+    bias, scale = np.zeros(3), 0.0
+    for _ in range(_ROUNDS):
+        turns = TurnCurve(rates, bias).find_turns(*(times + offset).T)
+        recorded = axes @ turns.rotations @ axes.T
+        columns = [
+            axes @ turns.by_bias, find_vectors(recorded)[..., None], np.eye(3) - recorded,
+            axes @ turns.by_offset[..., None],
+        ]  # fmt: skip
+        by_unknowns = np.concatenate(columns, axis=2)
+        off = find_vectors(rotations @ recorded.transpose(0, 2, 1))
+        known = np.isfinite(off).all(axis=1)
+        if np.count_nonzero(known) < _FEWEST:
+            return None
+        change, left, sigma, normal = _solve(off, by_unknowns, known, scale)
+        bias = bias + change[:3]
+        scale = float(change[3])
+        axes = _exp(change[4:7]) @ axes
+        offset += float(change[7])
+    used = known & (np.sum(left**2, axis=1) < (_WRONG * sigma) ** 2 * 3)
+    total = float(np.sum(vectors[used] ** 2))
+    return TurnCalibration(
+        recorded, by_unknowns, used, bias, 1 / (1 + scale), axes, offset,
+        np.sqrt(np.diag(np.linalg.inv(normal))), sigma,
+        1 - float(np.sum(left[used] ** 2)) / total if total > 0 else 0.0,
+    )  # fmt: skip
+
+
+def _solve(
+    off: np.ndarray, by_unknowns: np.ndarray, known: np.ndarray, scale: float
+) -> tuple[np.ndarray, np.ndarray, float, np.ndarray]:
+    """Solves for a change of the unknowns, by Cauchy's loss; the scale is found from nothing.
+
+    Returns:
+        The change, what it leaves of each turn, the standard deviation of that, and the normal
+        equations of the unknowns.
+    """
+    change = np.zeros(UNKNOWNS)
+    change[3] = scale
+    rows = by_unknowns[known]
+    for _ in range(_ROUNDS):
+        left = off - by_unknowns @ change
+        squared = np.sum(left[known] ** 2, axis=1)
+        sigma = max(float(np.sqrt(np.median(squared) / _MEDIAN_SQUARE)), _LEAST_SIGMA)
+        weight = 1 / (sigma**2 + squared / _MEDIAN_SQUARE)
+        normal = np.einsum("p,pij,pik->jk", weight, rows, rows) + np.diag(_SIGMAS**-2.0)
+        change = np.linalg.solve(normal, np.einsum("p,pij,pi->j", weight, rows, off[known]))
+    return change, off - by_unknowns @ change, sigma, normal
+
+
+def _search_start(
+    rates: np.ndarray, times: np.ndarray, vectors: np.ndarray
+) -> tuple[float, np.ndarray] | None:
+    """Searches the time offset, and the quarter turns that make the sensor's axes the camera's."""
+    curve, found = TurnCurve(rates, np.zeros(3)), None
+    least = np.inf
+    for offset in np.arange(-_LONGEST_OFFSET, _LONGEST_OFFSET + _STEP / 2, _STEP):
+        recorded = find_vectors(curve.find_turns(*(times + offset).T).rotations)
+        known = np.isfinite(recorded).all(axis=1)
+        if np.count_nonzero(known) < _FEWEST:
+            continue
+        for axes in QUARTER_TURNS:
+            left = np.sum((vectors[known] - recorded[known] @ axes.T) ** 2, axis=1)
+            # Of equal ones the first: the axes that the file names.
+            if (cost := float(np.mean(np.sqrt(left)))) < least * (1 - 1e-6):
+                least, found = cost, (float(offset), axes)
+    return found
+
+
+def _exp(vector: np.ndarray) -> np.ndarray:
+    return np.asarray(rotations_from_quaternions(exp_quaternions(vector[None]))[0])
+
+
+def _list_quarter_turns() -> list[np.ndarray]:
+    """Lists the 24 rotations that turn axes into axes, with the identity first."""
+    found = []
+    for order in itertools.permutations(range(3)):
+        for signs in itertools.product((1.0, -1.0), repeat=3):
+            axes = np.eye(3)[list(order)] * np.array(signs)[:, None]
+            if np.linalg.det(axes) > 0:
+                found.append(axes)
+    return found
+
+
+QUARTER_TURNS = _list_quarter_turns()

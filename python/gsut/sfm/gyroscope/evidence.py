@@ -1,0 +1,146 @@
+"""Lets what a film's camera recorded of its turns take part in the adjustment of its poses."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+
+from gsut._core import SolveError
+from gsut.sfm.gyroscope.calibration import BIAS_SIGMA, TurnCalibration, calibrate_turns
+from gsut.sfm.mapping import Mapping
+from gsut.sfm.solution import (
+    Adjustment,
+    ReadoutMotion,
+    Solution,
+    StatedTurns,
+    adjust_registered,
+)
+
+# Share of the variance of the poses' turns from which a record speaks of the same camera.
+_EXPLAINS = 0.9
+# Share of the pairs of pictures that must agree with it.
+_AGREE = 0.8
+# Standard deviation of the scale of a camera's gyroscope, which its maker calibrates.
+_SCALE_SIGMA = 0.005
+# Times by which the median residual may grow before the pictures contradict the record.
+_MOST_WORSE = 1.1
+
+
+def use_gyroscope(mapping: Mapping) -> Mapping:
+    """Adjusts poses and lens near the turns that the camera recorded, where these fit the poses.
+
+    Returns:
+        The run with solution, `turns`, and "gyroscope" of the figures where there is a record.
+    """
+    solution, records = mapping.solved, mapping.photographs.turns
+    if not records or mapping.photographs.frames is not None:
+        return mapping
+    found = {
+        source: calibration
+        for source, rates in records.items()
+        if (calibration := _calibrate(mapping, solution, rates)) is not None
+    }
+    fitting = {source: each for source, each in found.items() if _is_fitting(each)}
+    figures: dict[str, Any] = {
+        "explained": {source: each.explained for source, each in found.items()}, "used": None,
+    }  # fmt: skip
+    if not fitting:
+        mapping.log.note(
+            "the gyroscope's record does not explain how the poses turn, and is not used: the "
+            "picture was stabilised in the camera, the film was cut, or the camera hardly turned"
+        )
+        return mapping.add_findings({"gyroscope": figures})
+    source = max(fitting, key=lambda each: fitting[each].explained)
+    calibration, held = fitting[source], solution
+    # Poses that pictures alone determine badly differ from the record by more than its own error,
+    # which shows once it has taken part.
+    for is_last in (False, True):
+        turns = _state_turns(mapping, held, calibration)
+        adjusted = _adjust(mapping, held, turns, is_last)
+        again = None if adjusted is None else _calibrate(mapping, adjusted, records[source])
+        if adjusted is None or again is None or not _is_fitting(again):
+            mapping.log.note("the gyroscope's record is not used: the pictures contradict it")
+            return mapping.add_findings({"gyroscope": figures})
+        calibration, held = again, adjusted
+    mapping = mapping.replace(solution=held, turns=_state_turns(mapping, held, calibration))
+    figures |= _describe(calibration, source)
+    name = "gyroscope" if source == "gyroscope" else "record of its orientation"
+    mapping.log.note(
+        f"the camera's {name} took part in the adjustment: it explains "
+        f"{100 * calibration.explained:.1f} % of the turns, to "
+        f"{math.degrees(calibration.sigma):.3f} degrees each, and is "
+        f"{1000 * calibration.offset:.0f} ms late"
+    )
+    return mapping.add_findings({"gyroscope": figures})
+
+
+def _is_fitting(calibration: TurnCalibration) -> bool:
+    agreeing = float(np.mean(calibration.used))
+    return calibration.explained >= _EXPLAINS and agreeing >= _AGREE
+
+
+def _list_pairs(mapping: Mapping, solution: Solution) -> tuple[np.ndarray, np.ndarray]:
+    """Lists (P, 2) images that follow each other in time, and when each was taken."""
+    times = np.array([mapping.photographs.times.get(n, math.nan) for n in solution.names])
+    known = np.flatnonzero(solution.registered & np.isfinite(times))
+    order = known[np.argsort(times[known], kind="stable")]
+    pairs = np.stack([order[:-1], order[1:]], axis=1)
+    return pairs, times[pairs]
+
+
+def _calibrate(mapping: Mapping, solution: Solution, rates: np.ndarray) -> TurnCalibration | None:
+    pairs, times = _list_pairs(mapping, solution)
+    first, second = solution.camera_from_world[pairs.T, :3, :3]
+    return calibrate_turns(rates, times, second @ first.transpose(0, 2, 1))
+
+
+def _state_turns(mapping: Mapping, solution: Solution, found: TurnCalibration) -> StatedTurns:
+    """States the recorded turns of pairs that agree with the poses."""
+    pairs, _ = _list_pairs(mapping, solution)
+    sigmas = np.array([*[BIAS_SIGMA] * 3, _SCALE_SIGMA, *[1.0] * 4])
+    return StatedTurns(
+        pairs[found.used], found.rotations[found.used], found.by_unknowns[found.used],
+        found.sigma, sigmas,
+    )  # fmt: skip
+
+
+def _adjust(
+    mapping: Mapping, start: Solution, turns: StatedTurns, is_last: bool
+) -> Solution | None:
+    """Adjusts near recorded turns; None where that fails or the pictures contradict them."""
+    solution = mapping.solved
+    adjustment = Adjustment(
+        mapping.lens_free, lens_settled=True, covariances=is_last, extend=is_last,
+        motion=ReadoutMotion.hold(start), turns=turns,
+    )  # fmt: skip
+    try:
+        held = adjust_registered(
+            start, mapping.features, mapping.pairs, mapping.options,
+            mapping.log.follow_steps("mapping"), adjustment,
+        )  # fmt: skip
+    except SolveError:
+        return None
+    agrees = (
+        held.num_registered == solution.num_registered
+        and held.median <= _MOST_WORSE * solution.median
+    )
+    return dataclasses.replace(held, restarts=solution.restarts) if agrees else None
+
+
+def _describe(found: TurnCalibration, source: str) -> dict[str, Any]:
+    """Describes a calibration for poses.json."""
+    return {
+        "used": source,
+        "pairs": int(np.count_nonzero(found.used)),
+        "explained_by_used": found.explained,
+        "offset_seconds": found.offset,
+        "offset_sigma_seconds": float(found.sigmas[7]),
+        "bias_rad_per_s": found.bias.tolist(),
+        "scale": found.scale,
+        "scale_sigma": float(found.sigmas[3]),
+        "camera_from_sensor": found.camera_from_sensor.tolist(),
+        "sigma_degrees": math.degrees(found.sigma),
+    }
