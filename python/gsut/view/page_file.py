@@ -39,8 +39,8 @@ _TEXTS = ("exact/worker.js", "exact/order.js", "exact/forward.wgsl", "exact/movi
 _HEADER = 16
 # First bytes of a scene whose positions are packed.
 _PACKED = b"GPAG"
-# Step of a position, of a small standard deviation of the Gaussians: 1 % of it by rms.
-_STEP_SHARE = 1 / 32
+# Step of a position, of a small standard deviation of the Gaussians: 2 % of it by rms.
+_STEP_SHARE = 1 / 16
 # Percentile of the Gaussians' smallest standard deviations that counts as a small one.
 _FEW_PERCENT = 5.0
 # Bits of a coordinate in the curve by which Gaussians are ordered.
@@ -258,8 +258,8 @@ def _describe(session: Any, rows: list[int]) -> dict[str, Any]:
     del scene["models"]
     photographs, motions = [], []
     for row in rows:
-        sent = session.send_photograph({"view": row, "side": _PHOTO_SIDE})
-        photographs.append("data:image/jpeg;base64," + base64.b64encode(sent.content).decode())
+        sent = session.send_photograph({"view": row, "side": _PHOTO_SIDE, "kind": "webp"})
+        photographs.append("data:image/webp;base64," + base64.b64encode(sent.content).decode())
         motions.append(None if stage.scene is None else _describe_motion(stage.scene.views[row]))
     return {
         "scene": scene, "lenses": lenses, "photographs": photographs, "motions": motions,
