@@ -43,6 +43,10 @@ _PACKED = b"GPAG"
 _STEP_SHARE = 1 / 16
 # Percentile of the Gaussians' smallest standard deviations that counts as a small one.
 _FEW_PERCENT = 5.0
+# Digits of the texts that hold bytes: printable, and none that ends or quotes a text.
+_DIGITS = "".join(chr(code) for code in range(33, 127) if chr(code) not in '"<\\')
+# Bits that two of them hold.
+_PAIR_BITS = 13
 # Bits of a coordinate in the curve by which Gaussians are ordered.
 _CURVE_BITS = 16
 # The page may load nothing: scripts, styles, pictures and workers are its own.
@@ -220,8 +224,17 @@ def _order_along_curve(means: np.ndarray) -> np.ndarray:
 
 
 def _encode(data: bytes) -> str:
-    """Compresses and writes bytes in base 85, of digits that no element begins with."""
-    return base64.b85encode(gzip.compress(data, 9, mtime=0)).decode().replace("<", ",")
+    """Compresses bytes and writes them as text, two of 91 digits for 13 bits.
+
+    The first character is the number of bytes that the last digits hold too many.
+    """
+    packed = np.frombuffer(gzip.compress(data, 9, mtime=0), np.uint8)
+    bits = np.unpackbits(packed)
+    bits = np.pad(bits, (0, -len(bits) % _PAIR_BITS)).reshape(-1, _PAIR_BITS)
+    words = bits @ (1 << np.arange(_PAIR_BITS)[::-1])
+    digits = np.frombuffer(_DIGITS.encode(), np.uint8)
+    pairs = digits[np.stack(np.divmod(words, len(_DIGITS)), axis=1)]
+    return f"{bits.size // 8 - len(packed)}{pairs.tobytes().decode()}"
 
 
 def _embed(name: str, kind: str, text: str) -> str:
