@@ -24,6 +24,7 @@ from gsut.sfm.lens import (
     free_center,
     guess_lenses,
     judge_lens,
+    require_motion,
     search_lenses,
 )
 from gsut.sfm.mapping import Mapping, PosesLog
@@ -160,6 +161,7 @@ def _map(mapping: Mapping) -> Mapping:
 
     What each stage may change beside its findings is said behind it.
     """
+    require_motion(mapping)
     mapping = _map_connected(mapping)  # photographs' lenses, pairs, lens_free, solution; features
     mapping = _separate_places(mapping)  # pairs, solution
     mapping = try_other_starts(mapping)  # solution
