@@ -43,6 +43,7 @@ from gsut.sfm.photographs import (
     collect_features,
     digest_key,
     find_photographs,
+    mask_fixed_pixels,
     require_central,
 )
 from gsut.sfm.report import is_finished, read_figures, write_poses
@@ -148,6 +149,9 @@ def run_mapping(
     """
     with claim_folder(out, "poses", images) as claimed:
         stages = Stages(claimed.path, _make_key(mapping, claimed.path))
+        if not mapping.options.keep_all_pixels:
+            masked = mask_fixed_pixels(mapping.photographs, claimed.path, mapping.log.note)
+            mapping = mapping.replace(photographs=masked)
         with _set_threads(mapping.options.threads):
             mapping = find(_find_matches(mapping, stages), stages.folder)
             mapping.log.watch.record_lap("mapping")
