@@ -230,11 +230,11 @@ def _encode(data: bytes) -> str:
     """
     packed = np.frombuffer(gzip.compress(data, 9, mtime=0), np.uint8)
     bits = np.unpackbits(packed)
-    bits = np.pad(bits, (0, -len(bits) % _PAIR_BITS)).reshape(-1, _PAIR_BITS)
-    words = bits @ (1 << np.arange(_PAIR_BITS)[::-1])
+    rows = np.pad(bits, (0, -len(bits) % _PAIR_BITS)).reshape(-1, _PAIR_BITS)
+    words = rows @ (1 << np.arange(_PAIR_BITS)[::-1])
     digits = np.frombuffer(_DIGITS.encode(), np.uint8)
     pairs = digits[np.stack(np.divmod(words, len(_DIGITS)), axis=1)]
-    return f"{bits.size // 8 - len(packed)}{pairs.tobytes().decode()}"
+    return f"{rows.size // 8 - len(packed)}{pairs.tobytes().decode()}"
 
 
 def _embed(name: str, kind: str, text: str) -> str:

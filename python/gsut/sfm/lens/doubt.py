@@ -80,7 +80,7 @@ def describe_doubt(found: Findings) -> str | None:
         return None
     if found.focal_sigma <= FOCAL_LIMIT and found.motion is None:
         return None
-    known = f"to {200 * found.focal_sigma:.1f} %" if found.focal_sigma < 1 else "not at all"
+    known = f"to {200 * found.focal_sigma:.1f} %" if 2 * found.focal_sigma <= 0.5 else "not at all"
     if found.motion:
         return (
             f"{found.motion}; by the errors of the features alone the focal length is known "
