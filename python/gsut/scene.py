@@ -158,7 +158,7 @@ def _find_poses(
 ) -> tuple[dict[str, Any], float]:
     """Finds poses and lens; returns the content of poses.json and the seconds taken here."""
     o, out = folder.options, folder.poses
-    options = PosesOptions(fov=o.fov, shutter=o.shutter)
+    options = PosesOptions(fov=o.fov, shutter=o.shutter, keep_all_pixels=o.keep_all_pixels)
     options = add_lens_readout(options, o.camera, pictures.figures)
     done = read_finished(pictures.path, out, o.camera, options)
     if done is not None:

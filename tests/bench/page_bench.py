@@ -122,7 +122,7 @@ def _read_part(text: str, name: str) -> str:
 
 def _read_size(text: str) -> int:
     """Reads the size of the compressed module, bytes."""
-    return len(_read_part(text, "core")) * 4 // 5  # base 85
+    return len(_read_part(text, "core")) * 13 // 16  # two digits for 13 bits
 
 
 def _read_camera(content: dict[str, Any]) -> Camera:

@@ -51,12 +51,15 @@ class Synthetic:
         images=8,
         points=500,
         noise=0.2,
-        turn_only=False,
+        reach=1.0,
+        turn=1.0,
         readout=None,
         camera=None,
         zooms=None,
     ):
-        """readout: of a rolling shutter, top to bottom, over the time between frames, or None.
+        """reach, turn: factors on the walk, and on how far the camera turns.
+
+        readout: of a rolling shutter, top to bottom, over the time between frames, or None.
 
         zooms: factor on the focal length of each image, or None.
         """
@@ -69,8 +72,8 @@ class Synthetic:
         identity = rng.random((points, 128)) ** 4
         self.velocities = []
         for i in range(images):
-            pose = _core.exp_pose([0, 0, 0, 0.02 * i, 0.15 * i, 0.01 * i])
-            center = np.zeros(3) if turn_only else np.array([0.3 * i, 0.05 * i * i, 0.1 * (i % 2)])
+            pose = _core.exp_pose([0, 0, 0, *(turn * np.array([0.02 * i, 0.15 * i, 0.01 * i]))])
+            center = reach * np.array([0.3 * i, 0.05 * i * i, 0.1 * (i % 2)])
             pose[:3, 3] = -pose[:3, :3] @ center
             velocity = np.zeros(6)
             if readout is not None:  # as fast as the walk, the sway apart

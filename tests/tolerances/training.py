@@ -10,3 +10,5 @@ BLURRED_SKY = 0.06  # of colours in [0, 1]: mean over 3 x 3 pixels of clouds; wo
 MOVERS_RECALL = 0.78  # share of what passes that is found, in three of nine views; observed 0.89
 MOVERS_WRONG = 0.08  # of a view's pixels, the rim of what passes; worst 0.042
 MOVERS_SHARE = 0.01  # of the training pixels, where movers take 0.03 of them
+CUT_OUT_ALPHA = 0.02  # mean beside an object that was cut out
+CUT_OUT_PSNR = 0.5  # dB, of training with emptiness below training without

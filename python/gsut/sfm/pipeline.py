@@ -24,6 +24,7 @@ from gsut.sfm.lens import (
     free_center,
     guess_lenses,
     judge_lens,
+    require_motion,
     search_lenses,
 )
 from gsut.sfm.mapping import Mapping, PosesLog
@@ -42,6 +43,7 @@ from gsut.sfm.photographs import (
     collect_features,
     digest_key,
     find_photographs,
+    mask_fixed_pixels,
     require_central,
 )
 from gsut.sfm.report import is_finished, read_figures, write_poses
@@ -147,6 +149,9 @@ def run_mapping(
     """
     with claim_folder(out, "poses", images) as claimed:
         stages = Stages(claimed.path, _make_key(mapping, claimed.path))
+        if not mapping.options.keep_all_pixels:
+            masked = mask_fixed_pixels(mapping.photographs, claimed.path, mapping.log.note)
+            mapping = mapping.replace(photographs=masked)
         with _set_threads(mapping.options.threads):
             mapping = find(_find_matches(mapping, stages), stages.folder)
             mapping.log.watch.record_lap("mapping")
@@ -160,6 +165,7 @@ def _map(mapping: Mapping) -> Mapping:
 
     What each stage may change beside its findings is said behind it.
     """
+    require_motion(mapping)
     mapping = _map_connected(mapping)  # photographs' lenses, pairs, lens_free, solution; features
     mapping = _separate_places(mapping)  # pairs, solution
     mapping = try_other_starts(mapping)  # solution

@@ -29,7 +29,7 @@ from gsut.run.options import FLAT_PRIMITIVES, Recipe
 from gsut.training.densification import DensificationStep, load_strategy
 from gsut.training.drawing import Drawing
 from gsut.training.first import choose_first_gaussians
-from gsut.training.photograph import Outliers, PhotographModel
+from gsut.training.photograph import CutOut, Outliers, PhotographModel
 from gsut.training.surface import SurfaceTerms, SurfaceWeights
 
 # Share of the steps from which Gaussians are drawn along the ray, if they are to be: until then the
@@ -106,8 +106,13 @@ class TrainingLoop:
         self.recipe = options.recipe if recipe is None else recipe
         self.step, self.seconds, self.cpu_seconds = 0, 0.0, 0.0
         self._by_distance_until = RAY_FROM if start is None and options.order == "ray" else 0.0
-        self.outliers = Outliers(options, is_new=start is None)
+        self.outliers, self.cut_out = Outliers(options, is_new=start is None), CutOut.find(scene)
         start, self.notes = choose_first_gaussians(scene, options) if start is None else (start, [])
+        if self.cut_out is not None:
+            self.notes.append(
+                f"The photographs are cut out ({round(100 * self.cut_out.share)} % of their pixels "
+                "are transparent): nothing is where alpha is 0. Use masks for what is only unknown."
+            )
         self.densification = load_strategy(options, self.recipe, len(start))
         is_flat = options.primitive in FLAT_PRIMITIVES
         self.optimizer = GaussianOptimizer(
@@ -199,11 +204,16 @@ class TrainingLoop:
 
     def _render(self, step: _Step, image: np.ndarray) -> None:
         """Renders the step's view: cameras and poses, projection, raster."""
-        behind = self.options.background or draw_background(self.options.seed, step.number)
+        behind = self._choose_background(step)
         self.drawing.render(
             self.gaussians, step.level.scene.camera(step.view), self.scene.views[step.view].motion,
             image, background=behind, sh_degree=step.degree, tiles=self._choose_tiles(step),
         )  # fmt: skip
+
+    def _choose_background(self, step: _Step) -> tuple[float, float, float]:
+        """Returns the colour behind all Gaussians; behind objects a random one shows gaps."""
+        fixed = self.options.background if self.cut_out is None else None
+        return fixed or draw_background(self.options.seed, step.number)
 
     def _choose_tiles(self, step: _Step) -> np.ndarray | None:
         """Returns a flag (0 or 1) for each tile of 16 x 16 pixels to render; None: all."""
@@ -218,6 +228,9 @@ class TrainingLoop:
         loss, _ = _core.photometric_loss(target, image, dimage, _SSIM_WEIGHT)
         self._choose_pixels(step, dimage)
         self.outliers.leave_out(self.step, step.view, target, image, dimage)
+        if self.cut_out is not None:
+            behind = self._choose_background(step)
+            self.cut_out.add_gradient(step.level.scene, step.view, image, dimage, behind)
         return loss
 
     def _backpropagate(self, step: _Step, dimage: np.ndarray) -> bool:

@@ -39,10 +39,14 @@ _TEXTS = ("exact/worker.js", "exact/order.js", "exact/forward.wgsl", "exact/movi
 _HEADER = 16
 # First bytes of a scene whose positions are packed.
 _PACKED = b"GPAG"
-# Step of a position, of a small standard deviation of the Gaussians: 1 % of it by rms.
-_STEP_SHARE = 1 / 32
+# Step of a position, of a small standard deviation of the Gaussians: 2 % of it by rms.
+_STEP_SHARE = 1 / 16
 # Percentile of the Gaussians' smallest standard deviations that counts as a small one.
 _FEW_PERCENT = 5.0
+# Digits of the texts that hold bytes: printable, and none that ends or quotes a text.
+_DIGITS = "".join(chr(code) for code in range(33, 127) if chr(code) not in '"<\\')
+# Bits that two of them hold.
+_PAIR_BITS = 13
 # Bits of a coordinate in the curve by which Gaussians are ordered.
 _CURVE_BITS = 16
 # The page may load nothing: scripts, styles, pictures and workers are its own.
@@ -220,8 +224,17 @@ def _order_along_curve(means: np.ndarray) -> np.ndarray:
 
 
 def _encode(data: bytes) -> str:
-    """Compresses and writes bytes in base 85, of digits that no element begins with."""
-    return base64.b85encode(gzip.compress(data, 9, mtime=0)).decode().replace("<", ",")
+    """Compresses bytes and writes them as text, two of 91 digits for 13 bits.
+
+    The first character is the number of bytes that the last digits hold too many.
+    """
+    packed = np.frombuffer(gzip.compress(data, 9, mtime=0), np.uint8)
+    bits = np.unpackbits(packed)
+    rows = np.pad(bits, (0, -len(bits) % _PAIR_BITS)).reshape(-1, _PAIR_BITS)
+    words = rows @ (1 << np.arange(_PAIR_BITS)[::-1])
+    digits = np.frombuffer(_DIGITS.encode(), np.uint8)
+    pairs = digits[np.stack(np.divmod(words, len(_DIGITS)), axis=1)]
+    return f"{rows.size // 8 - len(packed)}{pairs.tobytes().decode()}"
 
 
 def _embed(name: str, kind: str, text: str) -> str:
@@ -258,8 +271,8 @@ def _describe(session: Any, rows: list[int]) -> dict[str, Any]:
     del scene["models"]
     photographs, motions = [], []
     for row in rows:
-        sent = session.send_photograph({"view": row, "side": _PHOTO_SIDE})
-        photographs.append("data:image/jpeg;base64," + base64.b64encode(sent.content).decode())
+        sent = session.send_photograph({"view": row, "side": _PHOTO_SIDE, "kind": "webp"})
+        photographs.append("data:image/webp;base64," + base64.b64encode(sent.content).decode())
         motions.append(None if stage.scene is None else _describe_motion(stage.scene.views[row]))
     return {
         "scene": scene, "lenses": lenses, "photographs": photographs, "motions": motions,

@@ -34,6 +34,8 @@ from gsut.view.stage import Stage
 _THUMBNAIL = 160
 # JPEG quality of a photograph.
 _PHOTO_QUALITY = 90
+# Quality of a photograph as WebP, in a page of one file: as good to the eye, half the bytes.
+_WEBP_QUALITY = 80
 # Colour that tints what a mask leaves out.
 _MASKED = (200, 40, 60)
 # Photographs that are decoded at once: each takes several times its pixels of memory.
@@ -137,16 +139,23 @@ class Session:
         return Reply(data, kind, headers)
 
     def send_photograph(self, values: dict[str, Any]) -> Reply:
-        """Returns a photograph as JPEG: "view", "side" for its longest side, "mask" to tint it."""
+        """Returns a photograph: "view", "side" for its longest side, "mask" to tint it, "kind"."""
+        import cv2
+
         scene = self._require_scene()
         index = _index(values["view"], scene)
         side = int(values.get("side", _THUMBNAIL))
         if side < 1:
             raise InputError(f"a photograph's side must be 1 pixel or more, found {side}")
         with self._decoding:
-            return self._shrink_photograph(scene, index, side, bool(values.get("mask")))
+            bgr = self._shrink_photograph(scene, index, side, bool(values.get("mask")))
+        if values.get("kind") == "webp":
+            _, data = cv2.imencode(".webp", bgr, [cv2.IMWRITE_WEBP_QUALITY, _WEBP_QUALITY])
+            return Reply(data.tobytes(), "image/webp", keep=True)
+        _, data = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, _PHOTO_QUALITY])
+        return Reply(data.tobytes(), "image/jpeg", keep=True)
 
-    def _shrink_photograph(self, scene: Scene, index: int, side: int, tinted: bool) -> Reply:
+    def _shrink_photograph(self, scene: Scene, index: int, side: int, tinted: bool) -> np.ndarray:
         import cv2
 
         pixels = scene.image(index)
@@ -159,9 +168,7 @@ class Session:
             left_out = ~shrink_mask(scene.mask(index), *size)
             pixels = pixels.copy()
             pixels[left_out] = (pixels[left_out] * 0.4 + np.array(_MASKED) * 0.6).astype(np.uint8)
-        bgr = cv2.cvtColor(turn_picture(pixels, turns), cv2.COLOR_RGB2BGR)
-        _, data = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, _PHOTO_QUALITY])
-        return Reply(data.tobytes(), "image/jpeg", keep=True)
+        return cv2.cvtColor(turn_picture(pixels, turns), cv2.COLOR_RGB2BGR)
 
     def make_lens(self, values: dict[str, Any]) -> Reply:
         """Makes or reads a lens; see `Lenses.make`."""

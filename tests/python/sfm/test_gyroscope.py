@@ -135,6 +135,14 @@ def test_focal_length_of_a_flight_over_flat_ground_is_that_of_the_gyroscope(seed
     assert found.found.figures["gyroscope"]["focal_sigma_percent"]["with"] == after
 
 
+def test_focal_sigma_covers_a_gyroscope_of_wrong_scale():
+    found, _ = fly_with(lambda truth, rng: record(truth, rng, scale=1.03), turn=0.2)
+    figures = found.found.figures
+    assert figures["gyroscope"]["disagreement_percent"] > 1
+    off = 100 * abs(find_focal(found.solved) / LENS.params[0] - 1)
+    assert off < tolerances.GYROSCOPE_FOCAL_SIGMAS * figures["focal_sigma_percent"]
+
+
 def test_gyroscope_of_another_film_changes_nothing():
     other = make_walk(np.random.default_rng(5), 12)[0]
     found, bare = fly_with(lambda _, rng: record(other, rng))

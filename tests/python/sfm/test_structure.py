@@ -495,7 +495,7 @@ def test_poses_command_camera_that_only_turns_gets_one_clear_sentence(tmp_path, 
     )
     assert main(["poses", str(folder), "-o", str(tmp_path / "out"), "--quiet"]) == 2
     message = capsys.readouterr().err
-    assert "the camera only turned" in message and message.count("\n") == 1
+    assert "the camera turned but did not move" in message and message.count("\n") == 1
     assert not (tmp_path / "out" / "transforms.json").exists()
 
 

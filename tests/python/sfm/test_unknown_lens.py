@@ -18,7 +18,7 @@ from gsut.sfm.lens.search import search_lens
 from gsut.sfm.mapping import Findings
 from gsut.sfm.mapping.log import PosesLog
 from gsut.sfm.matches.matching import RawMatches, match_images
-from gsut.sfm.matches.verification import explain_failure, require_overlap, verify_matches
+from gsut.sfm.matches.verification import explain_failure, require_overlap
 from gsut.sfm.photographs import Images
 from gsut.sfm.photographs.features import Features
 from gsut.sfm.photographs.options import PosesOptions
@@ -268,23 +268,6 @@ def test_search_lens_of_few_images_that_hardly_move_says_so():
         search_lens(scene.mapping(PosesOptions(fov=100.0), raw=few))
 
 
-def test_turn_on_the_spot_is_found_through_a_lens_that_is_not_right(walk):
-    lens = gsut.Camera("kannala_brandt", [300, 300, 500, 505, 0.02, -0.01, 0, 0], 1000, 1010)
-    turned = Synthetic(np.random.default_rng(7), 6, 300, 0.1, turn_only=True, camera=lens)
-    raw = match_images([f"{i}" for i in range(6)], turned.features, PosesOptions(), quiet)
-    # A third of the matches of a pair are wrong.
-    mixed = [m.copy() for m in raw.matches]
-    for matches in mixed:
-        matches[: len(matches) // 3, 1] = np.roll(matches[: len(matches) // 3, 1], 1)
-    wrong = RawMatches(raw.pairs, mixed)
-    near = [with_scaled_focal(lens, 1.12)]
-    assert LensRanking(turned.features, wrong, PosesOptions()).has_only_turned(near)
-    scene, moved, _, _ = walk
-    assert not LensRanking(scene.features, moved, PosesOptions()).has_only_turned(near)
-    for pair in verify_matches(turned.images(), wrong, PosesOptions()):
-        assert pair.rotation_matches > 0.9 * len(pair.matches)
-
-
 def test_nothing_found_names_causes_and_what_to_do():
     few = [
         Features(np.zeros((9, 2)), np.ones(9), np.zeros((9, 128)), np.full((9, 3), 9, np.uint8))
@@ -292,15 +275,6 @@ def test_nothing_found_names_causes_and_what_to_do():
     words = str(explain_failure(gsut.SolveError("no start"), few, [], "give --fov"))
     assert words.startswith("no start; 12 of 12 images are too dark")
     assert "have few features" in words and words.endswith("; or give --fov")
-    bright = Features(
-        np.zeros((999, 2)), np.ones(999), np.zeros((999, 128)), np.full((999, 3), 99, np.uint8)
-    )
-    for images, has_turned in (([bright] * 3, True), (few[:3], False)):
-        words = str(
-            explain_failure(gsut.SolveError("no start"), images, [], "x", has_only_turned=True)
-        )
-        assert ("turned on the spot" in words) == has_turned
-        assert "3 images are few: take 20" in words
     seen = [Features(np.zeros((99, 2)), *(np.ones((99, n)) for n in (1, 128, 3)))] * 4
     for known in (True, False):  # pictures that have nothing to do with each other
         with pytest.raises(gsut.SolveError, match="photographs of one place") as refused:

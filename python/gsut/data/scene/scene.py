@@ -284,6 +284,10 @@ class Scene:
         """
         return self._read_pixels(self.views[index])[0]
 
+    def alpha(self, index: int) -> np.ndarray | None:
+        """Reads (H, W) bool, True where the image of view `index` is opaque; None: everywhere."""
+        return self._read_pixels(self.views[index])[1]
+
     def mask(self, index: int) -> np.ndarray:
         """Makes (H, W) bool, True where view `index` can be compared; read-only, cached.
 

@@ -110,7 +110,7 @@ def _describe_error(q: PosesQuality) -> str:
         return f"either half of the points gives poses {off:.1f} px off"
     if q.lens_px <= GOOD_PX:
         return f"the focal length and either half of the points leave poses {off:.1f} px open"
-    known = f"known only to {200 * sigma:.1f} %" if 2 * sigma <= 1 else "not determined"
+    known = f"known only to {200 * sigma:.1f} %" if 2 * sigma <= 0.5 else "not determined"
     return f"the focal length is {known}"
 
 

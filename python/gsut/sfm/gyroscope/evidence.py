@@ -131,7 +131,12 @@ def _adjust(
 
 
 def _describe(found: TurnCalibration, source: str) -> dict[str, Any]:
-    """Describes a calibration for poses.json."""
+    """Describes a calibration for poses.json.
+
+    "disagreement_percent" is by how much the turns of poses and record differ in scale beyond what
+    their errors explain.
+    """
+    errors = _SCALE_SIGMA**2 + float(found.sigmas[3]) ** 2
     return {
         "used": source,
         "pairs": int(np.count_nonzero(found.used)),
@@ -141,6 +146,7 @@ def _describe(found: TurnCalibration, source: str) -> dict[str, Any]:
         "bias_rad_per_s": found.bias.tolist(),
         "scale": found.scale,
         "scale_sigma": float(found.sigmas[3]),
+        "disagreement_percent": 100 * math.sqrt(max(0.0, math.log(found.scale) ** 2 - errors)),
         "camera_from_sensor": found.camera_from_sensor.tolist(),
         "sigma_degrees": math.degrees(found.sigma),
     }

@@ -7,6 +7,7 @@ from gsut.sfm.lens.critical_motion import TURNED
 from gsut.sfm.lens.doubt import compare_lens, describe_doubt, judge_lens
 from gsut.sfm.lens.information import GROUPS, WeightedObservations, differentiate_by_turn
 from gsut.sfm.lens.sightings import index_points, join_points
+from gsut.sfm.lens.still_camera import require_motion
 
 __all__ = [
     "GROUPS",
@@ -20,5 +21,6 @@ __all__ = [
     "index_points",
     "join_points",
     "judge_lens",
+    "require_motion",
     "search_lenses",
 ]

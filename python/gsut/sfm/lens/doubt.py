@@ -36,16 +36,21 @@ def judge_lens(mapping: Mapping) -> Mapping:
         mapping = describe_center(mapping, lens, covariances[0] if covariances else None)
     motion = find_critical_motion(solution, mapping.pairs)
     mapping, sigma = weigh_focal_prior(mapping, sigma)
-    if mapping.turns is not None and sigma <= FOCAL_LIMIT:
-        motion = None  # the gyroscope settles what such a motion leaves open
-    percent = 100 * sigma if math.isfinite(sigma) else None
     if mapping.turns is not None:
+        gyroscope = mapping.found.figures["gyroscope"]
+        # Features that disagree with the gyroscope know the focal length less well than they seem.
+        sigma = math.hypot(sigma, gyroscope["disagreement_percent"] / 100)
+        motion = motion if sigma > FOCAL_LIMIT else None  # settled by the gyroscope
         without = _measure_focal_sigma(solution, flags, None)[0]
-        features = 100 * without if math.isfinite(without) else None
-        gyroscope = {"focal_sigma_percent": {"by_features_alone": features, "with": percent}}
-        gyroscope |= mapping.found.figures["gyroscope"]
-        mapping = mapping.add_findings({"gyroscope": gyroscope})
-    return mapping.add_findings({"focal_sigma_percent": percent}, motion=motion, focal_sigma=sigma)
+        sigmas = {"by_features_alone": _to_percent(without), "with": _to_percent(sigma)}
+        mapping = mapping.add_findings({"gyroscope": {**gyroscope, "focal_sigma_percent": sigmas}})
+    return mapping.add_findings(
+        {"focal_sigma_percent": _to_percent(sigma)}, motion=motion, focal_sigma=sigma
+    )
+
+
+def _to_percent(sigma: float) -> float | None:
+    return 100 * sigma if math.isfinite(sigma) else None
 
 
 def _measure_focal_sigma(
@@ -75,7 +80,7 @@ def describe_doubt(found: Findings) -> str | None:
         return None
     if found.focal_sigma <= FOCAL_LIMIT and found.motion is None:
         return None
-    known = f"to {200 * found.focal_sigma:.1f} %" if found.focal_sigma < 1 else "not at all"
+    known = f"to {200 * found.focal_sigma:.1f} %" if 2 * found.focal_sigma <= 0.5 else "not at all"
     if found.motion:
         return (
             f"{found.motion}; by the errors of the features alone the focal length is known "

@@ -15,8 +15,8 @@ from gsut.sfm.photographs import Features, PosesOptions
 
 _PAIRS = 24  # of images that lenses are compared by: more hardly change the order
 _PAIRS_OF_AN_IMAGE = 2  # at most, so that the pairs spread over the images
-_MATCHES = 250  # of a pair, the most distinct
-_QUICK_PAIRS = 10  # of a first look at all lenses
+MATCHES = 250  # of a pair, the most distinct
+QUICK_PAIRS = 10  # of a first look at all lenses
 _QUICK_MATCHES = 100  # of a pair, in the first look
 _CLOSER = 6  # lenses that get a closer look
 _FAVOUR = 1.02  # factor on the share of a lens that the database or EXIF suggests
@@ -24,8 +24,6 @@ _ENOUGH_MATCHES = 300  # of a pair, beyond which more do not count
 # Spread of a pair's displacements over the extent of its features, beyond which more is no better:
 # pairs that move constrain a lens more than pairs with many matches.
 _ENOUGH_SPREAD = 0.06
-_TURNED = 0.8  # share of the agreeing matches that a turn explains if the camera only turned
-_TURN_ERROR = 3.0  # factor on the largest error then, where the lens is only nearly right
 # Relative steps of the focal length and steps of k1 around the best lens, coarse to fine.
 _STEPS = ((0.15, 0.06), (0.07, 0.03), (0.035, 0.015))
 
@@ -59,13 +57,13 @@ class LensRanking:
         options: PosesOptions,
         error_factor: float = 1.0,
     ) -> None:
-        chosen = _choose_informative_pairs(features, raw)
+        chosen = choose_informative_pairs(features, raw)
         images = sorted({int(image) for i in chosen for image in raw.pairs[i]})
         place = {image: index for index, image in enumerate(images)}
         of_chosen = [[place[int(a)], place[int(b)]] for a, b in raw.pairs[chosen]]
         self._pairs = np.array(of_chosen, np.int64).reshape(-1, 2)
         # Features that no match names would only cost time, each with each lens.
-        matches = [raw.matches[i][:_MATCHES] for i in chosen]
+        matches = [raw.matches[i][:MATCHES] for i in chosen]
         named = [np.zeros(len(features[image]), bool) for image in images]
         for (a, b), rows in zip(self._pairs, matches, strict=True):
             named[a][rows[:, 0]] = named[b][rows[:, 1]] = True
@@ -80,30 +78,8 @@ class LensRanking:
         self._error = error_factor * options.max_two_view_error / 1000
         self._seed = options.seed
 
-    def measure_share(self, camera: Camera, pairs: int = _PAIRS, most: int = _MATCHES) -> float:
+    def measure_share(self, camera: Camera, pairs: int = _PAIRS, most: int = MATCHES) -> float:
         """Returns the mean share of the matches that agree through this lens."""
-        return self._measure_shares(camera, pairs, most, 1.0)[0]
-
-    def has_only_turned(self, lenses: Sequence[Camera]) -> bool:
-        """Returns whether, through a lens near one of these, turns alone explain what agrees."""
-
-        def measure_turned(camera: Camera) -> float:
-            agree, turns = self._measure_shares(camera, _PAIRS, _MATCHES, _TURN_ERROR)
-            return turns / max(agree, 1e-9)
-
-        best = max(lenses, key=measure_turned)
-        most = measure_turned(best)
-        for step, _ in _STEPS:
-            for factor in (1 + step, 1 / (1 + step)):
-                camera = with_scaled_focal(best, factor)
-                if (found := measure_turned(camera)) > most:
-                    best, most = camera, found
-        return most > _TURNED
-
-    def _measure_shares(
-        self, camera: Camera, pairs: int, most: int, error_factor: float
-    ) -> tuple[float, float]:
-        """Returns the mean shares of matches that agree with one pose a pair, and with a turn."""
         matches_of = [matches[:most] for matches in self._matches[:pairs]]
         bearings = [_core.ImageBearings(camera, pixels) for pixels in self._pixels]
         valid = [b.valid for b in bearings]
@@ -111,14 +87,13 @@ class LensRanking:
             m[valid[a][m[:, 0]] & valid[b][m[:, 1]]]
             for (a, b), m in zip(self._pairs[:pairs], matches_of, strict=True)
         ]
-        error = error_factor * self._error * float(np.hypot(camera.width, camera.height))
+        error = self._error * float(np.hypot(camera.width, camera.height))
         found = _core.verify_pairs(bearings, self._pairs[:pairs], seen, error, self._seed)
         shares = [
-            (float(inliers.sum()) / len(matches), turns / len(matches))
-            for (inliers, _, turns, *_), matches in zip(found, matches_of, strict=True)
+            float(inliers.sum()) / len(matches)
+            for (inliers, *_), matches in zip(found, matches_of, strict=True)
         ]
-        agree, turns = np.mean(shares, axis=0) if shares else (0.0, 0.0)
-        return float(agree), float(turns)
+        return float(np.mean(shares)) if shares else 0.0
 
     def rank_lenses(
         self,
@@ -147,8 +122,8 @@ class LensRanking:
             favour = {camera: _FAVOUR for camera in likely}
             return sorted(ranked, key=lambda lens: -lens.share * favour.get(lens.camera, 1.0))
 
-        quick = rank(candidates, _QUICK_PAIRS, _QUICK_MATCHES)[:_CLOSER]
-        ranked = rank([lens.camera for lens in quick], _PAIRS, _MATCHES)
+        quick = rank(candidates, QUICK_PAIRS, _QUICK_MATCHES)[:_CLOSER]
+        ranked = rank([lens.camera for lens in quick], _PAIRS, MATCHES)
         best = ranked[0]
         for number, (focal, bend) in enumerate(_STEPS, 1):
             for step in (
@@ -163,7 +138,7 @@ class LensRanking:
         return [best, *ranked]
 
 
-def _choose_informative_pairs(features: Sequence[Features], raw: RawMatches) -> np.ndarray:
+def choose_informative_pairs(features: Sequence[Features], raw: RawMatches) -> np.ndarray:
     """Chooses pairs with many matches whose displacements differ, spread over the images."""
     scores = np.zeros(len(raw.pairs))
     for i, ((a, b), matches) in enumerate(zip(raw.pairs, raw.matches, strict=True)):

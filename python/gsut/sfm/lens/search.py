@@ -117,10 +117,7 @@ def choose_lens(
         log.show_share("lens", 0.5, "models")
         chosen, flags = _choose_model(trials, pairs, best)
     except SolveError as error:
-        turned = ranking.has_only_turned(ladder)
-        raise explain_failure(
-            error, mapping.features, pairs, ADVICE, has_only_turned=turned
-        ) from None
+        raise explain_failure(error, mapping.features, pairs, ADVICE) from None
     return chosen.cameras[0], flags, pairs, trials.rows
 
 

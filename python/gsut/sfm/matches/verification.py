@@ -202,8 +202,6 @@ def explain_failure(
     features: Sequence[Features],
     pairs: Sequence[PairMatches],
     advice: str,
-    *,
-    has_only_turned: bool = False,
 ) -> SolveError:
     """Adds to a solver's error what the images say about its cause, gravest first.
 
@@ -211,18 +209,13 @@ def explain_failure(
         features: of all images.
         pairs: verified matches.
         advice: what else may help.
-        has_only_turned: whether the camera turned on the spot.
     """
     faults = find_faults(PICTURE_CHECKS, measure_pictures(features))
     reasons = [f"{f.what}: {f.advice}" for f in faults if f.severity == _POOR]
-    if has_only_turned and not reasons:  # the few matches of dark or blurred images fit any motion
-        reasons.append(
-            "the camera only turned on the spot, so there is no depth: walk between the pictures"
-        )
     if len(features) < _FEW_IMAGES:
         reasons.append(f"{len(features)} images are few: take 20 or more")
     parallax = np.degrees(float(np.median([pair.parallax for pair in pairs] or [np.inf])))
-    if parallax < _LITTLE_PARALLAX and not has_only_turned:
+    if parallax < _LITTLE_PARALLAX:
         reasons.append(
             f"the camera hardly moved between them ({parallax:.1f} degrees of parallax): walk "
             "sideways to what you photograph"

@@ -12,6 +12,7 @@ from gsut.sfm.photographs.features import (
     make_no_features,
     read_features,
 )
+from gsut.sfm.photographs.fixed_pixels import mask_fixed_pixels
 from gsut.sfm.photographs.listing import (
     FEWEST_IMAGES,
     TANGENT,
@@ -47,6 +48,7 @@ __all__ = [
     "find_photographs",
     "list_photographs",
     "make_no_features",
+    "mask_fixed_pixels",
     "order_by_folder",
     "read_features",
     "require_central",

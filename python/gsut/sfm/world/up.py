@@ -12,6 +12,7 @@ from gsut.sfm.solution import Solution
 
 _ROLL = math.radians(5.0)  # standard deviation: people and drones hold cameras level
 _PITCH = math.radians(25.0)  # standard deviation: they look up and down
+_LEVELLED = math.radians(3.0)  # the same, of panoramas: 360-degree cameras level them
 _MOST_ROLL = math.radians(12.0)  # mean roll beyond which cameras were not held level
 _STRAIGHT = 0.1  # second over first extent of a path, below which its slope is that of GPS
 _MOST_SCATTER = math.radians(20.0)  # median angle between sensors' up and their mean
@@ -22,16 +23,20 @@ FEWEST = 6  # images with a place, or an orientation
 
 @dataclasses.dataclass(frozen=True)
 class Held:
-    """How the cameras were held: mean of their own up, (3, 3) mean square of their level axes."""
+    """How the cameras were held: mean of their own up, (3, 3) mean square of their level axes.
+
+    `pitch` is the standard deviation, in radians, of how far they looked up or down.
+    """
 
     mean: np.ndarray
     spread: np.ndarray
     count: int
+    pitch: float = _PITCH
 
     @property
     def information(self) -> np.ndarray:
         """A matrix (3, 3) whose quadratic form is least for up."""
-        return self.count * self.spread / _ROLL**2 - np.outer(self.mean, self.mean) / _PITCH**2
+        return self.count * self.spread / _ROLL**2 - np.outer(self.mean, self.mean) / self.pitch**2
 
     def is_level(self, up: np.ndarray, sigma: float) -> bool:
         """Returns whether cameras were held level against `up`, and it is known."""
@@ -55,7 +60,9 @@ def find_held(solution: Solution, orientations: dict[str, int]) -> Held | None:
     length = float(np.linalg.norm(mean))
     if length < 0.5:
         return None
-    return Held(mean / length, np.transpose(levels) @ np.array(levels) / len(levels), len(ups))
+    spread = np.transpose(levels) @ np.array(levels) / len(levels)
+    is_level = solution.cameras[0].model == "equirectangular"
+    return Held(mean / length, spread, len(ups), _LEVELLED if is_level else _PITCH)
 
 
 def find_measured_up(

@@ -1,18 +1,16 @@
 // Unpacks the texts of this page and runs its scripts.
 "use strict";
-// Digits of Python's b85encode, with a comma where it has what would begin an element.
-const DIGITS = "0123456789ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz!#$%&()*+-;,=>?@^_`{|}~";
 const part = (id) => document.getElementById(id);
 
-function decode(text) { // base 85
-  const values = new Uint8Array(128), whole = text.padEnd(5 * Math.ceil(text.length / 5), "~"), out = new DataView(new ArrayBuffer(whole.length / 5 * 4));
-  [...DIGITS].forEach((digit, value) => (values[digit.charCodeAt(0)] = value));
-  for (let i = 0; i < whole.length; i += 5) {
-    let word = 0;
-    for (let k = 0; k < 5; k++) word = 85 * word + values[whole.charCodeAt(i + k)];
-    out.setUint32(4 * i / 5, word);
+function decode(text) { // two of 91 digits for 13 bits, as page_file.py writes them
+  const out = new Uint8Array(Math.floor((text.length - 1) / 2 * 13 / 8) - Number(text[0])), values = new Uint8Array(128);
+  for (let code = 33, value = 0; code < 127; code++) if (!'"<\\'.includes(String.fromCharCode(code))) values[code] = value++;
+  for (let i = 1, at = 0, word = 0, bits = 0; i < text.length; i += 2) {
+    word = (word << 13) | (91 * values[text.charCodeAt(i)] + values[text.charCodeAt(i + 1)]);
+    for (bits += 13; bits >= 8; bits -= 8) out[at++] = word >> (bits - 8);
+    word &= (1 << bits) - 1;
   }
-  return new Uint8Array(out.buffer, 0, out.byteLength - (whole.length - text.length));
+  return out;
 }
 async function unpack(id) { // compressed bytes in a script element
   if (typeof WebAssembly !== "object" || typeof DecompressionStream !== "function") {

@@ -1,0 +1,55 @@
+"""A camera that turned or stood still is told from one that moved, however little."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import gsut
+from gsut.sfm.lens.still_camera import require_motion
+from gsut.sfm.matches.matching import RawMatches, match_images
+from gsut.sfm.photographs.listing import LensGroup
+from gsut.sfm.photographs.options import PosesOptions
+from synthetic_walk import Synthetic, quiet
+
+LENS = gsut.Camera("kannala_brandt", [420, 420, 505, 500, 0.03, -0.01, 0, 0], 1000, 1010)
+
+
+def find_matches(*, is_known, wrong=0.3, **motion):
+    """The state of a run after matching; a share of the matches of each pair is wrong."""
+    scene = Synthetic(np.random.default_rng(7), 6, 500, 0.3, camera=LENS, **motion)
+    raw = match_images([f"{i}" for i in range(6)], scene.features, PosesOptions(), quiet)
+    mixed = [matches.copy() for matches in raw.matches]
+    for matches in mixed:
+        some = matches[:: round(1 / wrong), 1]
+        some[:] = np.roll(some, 1)
+    guess = gsut.Camera("pinhole", [900, 900, 500, 505], 1000, 1010)
+    mapping = scene.mapping(
+        PosesOptions(), camera=None if is_known else guess, raw=RawMatches(raw.pairs, mixed)
+    )
+    groups = () if is_known else (LensGroup("", np.arange(6)),)
+    photographs = dataclasses.replace(mapping.photographs, groups=groups)
+    mapping = mapping.replace(photographs=photographs)
+    return mapping.add_findings({"lens": "known" if is_known else "estimated"})
+
+
+@pytest.mark.parametrize("is_known", [True, False])
+@pytest.mark.parametrize(
+    ("turn", "words"),
+    [
+        (1.0, "turned but did not move: . of . pairs"),
+        (0.0, "the camera did not move: . of . pairs"),
+    ],
+)
+def test_camera_without_motion_is_refused(is_known, turn, words):
+    mapping = find_matches(is_known=is_known, turn=turn, reach=0.0)
+    with pytest.raises(gsut.SolveError, match=words) as refused:
+        require_motion(mapping)
+    assert " px, so there is no depth; walk " in str(refused.value)
+
+
+@pytest.mark.parametrize("is_known", [True, False])
+@pytest.mark.parametrize("turn", [1.0, 0.1, 0.0])
+@pytest.mark.parametrize("reach", [1.0, 0.02])  # of 0.02: 3 pixels from first to last
+def test_camera_that_moved_is_not_refused(is_known, turn, reach):
+    require_motion(find_matches(is_known=is_known, turn=turn, reach=reach))
