@@ -15,7 +15,13 @@ from urllib.parse import urljoin
 import numpy as np
 
 from gsut._core import CameraMotion
-from gsut.files import format_json, read_bytes, read_package_file, write_file
+from gsut.files import (
+    format_json,
+    read_bytes,
+    read_package_file,
+    unpack_gzip,
+    write_file,
+)
 from gsut.formats import WriteSettings, prepare_for_file, save_gaussians
 from gsut.orientation import turn_size
 from gsut.view.named_views import NamedView
@@ -35,6 +41,8 @@ _SCRIPTS = (
 )  # fmt: skip
 # Texts that these hand on: workers run scripts of their own, a graphics card runs shaders.
 _TEXTS = ("exact/worker.js", "exact/order.js", "exact/forward.wgsl", "exact/moving.glsl")
+# Bytes of a scene or a program: an array of a browser holds no more.
+_MOST_BYTES = 1 << 31
 # Bytes of the header of an SPZ.
 _HEADER = 16
 # First bytes of a scene whose positions are packed.
@@ -95,7 +103,7 @@ def write_page(path: Path, session: Any, settings: PageSettings) -> Any:
     with TemporaryDirectory(prefix="gsut-") as folder:
         scene = Path(folder) / "scene.spz"
         written = save_gaussians(scene, whole, WriteSettings(antialiased=stage.antialiased))
-        packed = _pack_scene(gzip.decompress(read_bytes(scene)))
+        packed = _pack_scene(unpack_gzip(read_bytes(scene), scene, _MOST_BYTES))
     content = _describe(session, _choose_photographs(stage, settings.photographs))
     content["origin"] = prepare_for_file(whole).origin
     if settings.title is not None:
@@ -158,12 +166,13 @@ def _assemble(content: dict[str, Any], scene: bytes, link: str) -> str:
         scene: the Gaussians, see `_pack_scene`.
         link: elements of the head, see `_describe_link`.
     """
-    core = read_package_file("gsut.view", "exact/core.wasm.gz")
+    name = "exact/core.wasm.gz"
+    core = unpack_gzip(read_package_file("gsut.view", name), name, _MOST_BYTES)
     texts = {name: _read_text(name) for name in (*_SCRIPTS, *_TEXTS)} | {"scripts": _SCRIPTS}
     elements = [
         _embed("content", "application/octet-stream", _encode(format_json(content).encode())),
         _embed("scene", "application/octet-stream", _encode(scene)),
-        _embed("core", "application/octet-stream", _encode(gzip.decompress(core))),
+        _embed("core", "application/octet-stream", _encode(core)),
         _embed("texts", "application/octet-stream", _encode(format_json(texts).encode())),
         f"<script>{_read_text('exact/loader.js')}</script>",
     ]
