@@ -7,8 +7,10 @@
 #include <string>
 #include <vector>
 
+#include "gsut/base/check_arguments.h"
 #include "gsut/base/errors.h"
 #include "gsut/gaussians/activations.h"
+#include "gsut/gaussians/check_gaussians.h"
 #include "gsut/gaussians/harmonics.h"
 #include "gsut/gaussians/seed_neighbors.h"
 
@@ -53,6 +55,9 @@ void SeedFromPoints(const double* points, const double* colors, const SeedOption
     throw InputError("opacity is " + std::to_string(options.opacity) +
                      "; give a value between 0 and 1, both excluded");
   }
+  CheckGaussians(out.AsConst());
+  CheckArray(points, out.size, "points");
+  CheckArray(colors, out.size, "colors");
   CheckFinite(points, out.size, "points");
   CheckFinite(colors, out.size, "colors");
   // Sizes follow the points' density: thin where they lie in a plane, and at least a share of the

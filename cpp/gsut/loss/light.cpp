@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "gsut/base/check_arguments.h"
 #include "gsut/base/errors.h"
 #include "gsut/base/parallel.h"
 
@@ -89,6 +90,8 @@ void CheckBins(const std::uint8_t* bins, std::int64_t width, std::int64_t height
 // and channel, in double, over some forty rows, which is plenty for a handful of gains.
 void SumLight(const PhotometricTarget& target, const float* image, const std::uint8_t* bins,
               int num_bins, LightSums* sums) {
+  CheckGiven(image, "image");
+  CheckArray(sums, num_bins, "sums");
   const auto reading = target.Reading();
   const std::int64_t width = target.width(), height = target.height();
   const std::int64_t step = std::clamp(height / kRows, kRowStep, kBlockRows);

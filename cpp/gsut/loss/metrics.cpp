@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "gsut/base/check_arguments.h"
 #include "gsut/base/errors.h"
 #include "gsut/base/parallel.h"
 
@@ -65,6 +66,8 @@ double SsimFromMoments(const double* moments, std::int64_t stride, double scale)
 double Psnr(const double* a, const double* b, const std::uint8_t* mask, const double* weights,
             std::int64_t height, std::int64_t width) {
   CountPixels(mask, height, width);
+  CheckGiven(a, "a");
+  CheckGiven(b, "b");
   const auto weight_of = [&](std::int64_t pixel) {
     if (mask != nullptr && mask[pixel] == 0) return 0.0;
     return weights == nullptr ? 1.0 : weights[pixel];
@@ -104,6 +107,8 @@ double Psnr(const double* a, const double* b, const std::uint8_t* mask, const do
 double Ssim(const double* a, const double* b, const std::uint8_t* mask, std::int64_t height,
             std::int64_t width, WindowRule rule) {
   CountPixels(mask, height, width);
+  CheckGiven(a, "a");
+  CheckGiven(b, "b");
   const WindowScale scale = MakeWindowScale(mask, height, width, rule);
   const auto& weights = SsimWeights();
   const std::int64_t length = width * kChannels;

@@ -6,6 +6,7 @@
 #include <string>
 #include <utility>
 
+#include "gsut/base/check_arguments.h"
 #include "gsut/base/errors.h"
 #include "gsut/base/parallel.h"
 #include "gsut/loss/photometric_kernel.h"
@@ -79,6 +80,7 @@ FalloffPlane::FalloffPlane(std::vector<float> values) : values_(std::move(values
 PhotometricTarget::PhotometricTarget(const float* image, std::int64_t height, std::int64_t width,
                                      const std::uint8_t* mask, const PhotometricOptions& options)
     : height_(height), width_(width), pixels_(CountPixels(mask, height, width)) {
+  CheckGiven(image, "image");
   float_image_.assign(image, image + height * width * 3);
   CheckValues(float_image_, mask, width);
   Prepare(mask, options);
@@ -88,6 +90,7 @@ PhotometricTarget::PhotometricTarget(const std::uint8_t* image, std::int64_t hei
                                      std::int64_t width, const std::uint8_t* mask,
                                      const PhotometricOptions& options)
     : height_(height), width_(width), pixels_(CountPixels(mask, height, width)) {
+  CheckGiven(image, "image");
   byte_image_.assign(image, image + height * width * 3);
   Prepare(mask, options);
 }
@@ -153,6 +156,7 @@ std::int64_t PhotometricTarget::bytes() const {
 
 PhotometricValue PhotometricLoss(const PhotometricTarget& target, const float* image,
                                  double ssim_weight, float* gradient) {
+  CheckGiven(image, "image");
   if (!(ssim_weight >= 0.0 && ssim_weight <= 1.0)) {
     throw InputError("ssim_weight is " + std::to_string(ssim_weight) + "; give a value in [0, 1]");
   }

@@ -6,6 +6,7 @@
 
 #include "gsut/base/errors.h"
 #include "gsut/base/parallel.h"
+#include "gsut/gaussians/check_gaussians.h"
 #include "gsut/optimize/blocks.h"
 #include "gsut/optimize/merge_block.h"
 
@@ -75,6 +76,15 @@ GaussiansView<float> GaussianArrays::View() {
           sh.data()};
 }
 
+void CheckRows(const GaussiansView<const float>& gaussians,
+               const std::vector<std::uint32_t>& rows) {
+  CheckGaussians(gaussians);
+  if (!rows.empty() && *std::max_element(rows.begin(), rows.end()) >= gaussians.size) {
+    throw InputError("rows name a Gaussian that is not among the " +
+                     std::to_string(gaussians.size));
+  }
+}
+
 GaussianArrays MergePairs(const GaussiansView<const float>& gaussians,
                           const std::vector<std::uint32_t>& rows, const float* weights,
                           std::int64_t target, const MergeOptions& options) {
@@ -91,6 +101,7 @@ GaussianArrays MergePairs(const GaussiansView<const float>& gaussians,
                      std::to_string(options.neighbors) + " and " +
                      std::to_string(options.block_rows));
   }
+  CheckRows(gaussians, rows);
   const auto count = static_cast<std::int64_t>(rows.size());
   if (count == 0) return GaussianArrays(0, gaussians.sh_coefficients);
   const Blocks blocks = SplitIntoBlocks(gaussians.means, rows, DepthFor(count, options.block_rows),

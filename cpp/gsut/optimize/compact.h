@@ -18,6 +18,9 @@ struct GaussianArrays {
   std::vector<float> means, quats, log_scales, opacity_logits, sh;
 };
 
+// Throws InputError unless the arrays are there and `rows` are among them.
+void CheckRows(const GaussiansView<const float>& gaussians, const std::vector<std::uint32_t>& rows);
+
 // GHAP as published: k-means in each block.
 struct HerdOptions {
   double keep = 0.1;             // fraction of each block's Gaussians, (0, 1]

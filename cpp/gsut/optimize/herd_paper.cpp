@@ -189,6 +189,7 @@ GaussianArrays HerdPaper(const GaussiansView<const float>& gaussians,
                      std::to_string(options.keep) + ", " + std::to_string(options.depth) + " and " +
                      std::to_string(options.max_rounds));
   }
+  CheckRows(gaussians, rows);
   const auto count = static_cast<std::int64_t>(rows.size());
   if (count == 0) return GaussianArrays(0, gaussians.sh_coefficients);
   // Blocks are independent: their random numbers depend on the block's number, not on the thread.

@@ -10,6 +10,7 @@
 #include <limits>
 
 #include "gsut/base/aligned_vector.h"
+#include "gsut/base/check_arguments.h"
 #include "gsut/base/errors.h"
 #include "gsut/base/parallel.h"
 #include "gsut/optimize/palette.h"
@@ -264,6 +265,7 @@ Palette MakePalette(const float* rows, std::int64_t count, int columns,
                      std::to_string(count) + ", " + std::to_string(columns) + ", " +
                      std::to_string(options.entries) + " and " + std::to_string(options.rounds));
   }
+  CheckGiven(rows, "rows");
   if (!std::all_of(rows, rows + count * columns, [](float x) { return std::isfinite(x); })) {
     throw InputError("a palette needs finite values");
   }

@@ -6,6 +6,7 @@
 #include <array>
 #include <cmath>
 
+#include "gsut/base/check_arguments.h"
 #include "gsut/sfm/sampler.h"
 #include "gsut/sfm/minimal_solvers.h"
 
@@ -38,6 +39,7 @@ double Cost(const Pose& pose, std::span<const Bearing> bearings,
 
 Pose RefineAbsolutePose(const Pose& camera_from_world, std::span<const Bearing> bearings,
                         std::span<const Eigen::Vector3d> points, double max_error) {
+  CheckSameSize(bearings.size(), points.size(), "bearings and points");
   using Vector6 = Eigen::Matrix<double, 6, 1>;
   Pose pose = camera_from_world;
   for (int step = 0; step < kGaussNewtonSteps; ++step) {
@@ -69,6 +71,7 @@ Pose RefineAbsolutePose(const Pose& camera_from_world, std::span<const Bearing> 
 AbsolutePose EstimateAbsolutePose(std::span<const Bearing> bearings,
                                   std::span<const Eigen::Vector3d> points,
                                   const AbsolutePoseOptions& options) {
+  CheckSameSize(bearings.size(), points.size(), "bearings and points");
   AbsolutePose result;
   const int count = static_cast<int>(points.size());
   result.inliers.assign(count, 0);

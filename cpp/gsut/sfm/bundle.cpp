@@ -5,6 +5,7 @@
 #include <cmath>
 #include <string>
 
+#include "gsut/base/check_arguments.h"
 #include "gsut/base/errors.h"
 #include "gsut/base/interrupt.h"
 #include "gsut/sfm/bundle_problem.h"
@@ -70,7 +71,8 @@ void CheckMotions(const Bundle& bundle, const BundleOptions& options) {
   }
 }
 
-// Throws InputError for an index out of range, or a list whose length does not fit; says which.
+}  // namespace
+
 // Everything that indexes something is checked here, once, so that no inner loop has to.
 void CheckBundle(const Bundle& bundle, const BundleOptions& options) {
   const int images = static_cast<int>(bundle.camera_from_world.size());
@@ -117,9 +119,8 @@ void CheckBundle(const Bundle& bundle, const BundleOptions& options) {
   if (!known) throw InputError("lens_priors must have a mean and a sigma of each parameter");
 }
 
-}  // namespace
-
 BundleSummary AdjustBundle(Bundle* bundle, const BundleOptions& options) {
+  CheckGiven(bundle, "bundle");
   CheckBundle(*bundle, options);
   if (bundle->observations.empty()) return {};
   BundleProblem problem(*bundle, options);

@@ -6,6 +6,7 @@
 #include "gsut/base/errors.h"
 #include "gsut/base/parallel.h"
 #include "gsut/sfm/bundle.h"
+#include "gsut/sfm/bundle_problem.h"
 #include "gsut/sfm/bundle_state.h"
 #include "gsut/sfm/dense.h"
 #include "gsut/sfm/eliminate_points.h"
@@ -164,6 +165,7 @@ std::vector<Matrix6> InvertBlocks(Eigen::Ref<Eigen::MatrixXd> normal, const std:
 }  // namespace
 
 std::vector<Matrix6> PoseCovariances(const Bundle& bundle, const BundleOptions& options) {
+  CheckBundle(bundle, options);
   const int images = static_cast<int>(bundle.camera_from_world.size());
   const BundleState state(bundle);
   const int bodies = state.num_bodies();

@@ -14,6 +14,9 @@
 
 namespace gsut {
 
+// Throws InputError for an index out of range, or a list whose length does not fit; says which.
+void CheckBundle(const Bundle& bundle, const BundleOptions& options);
+
 class BundleProblem {
  public:
   // Both are kept by reference.

@@ -21,6 +21,7 @@
 #include <limits>
 
 #include "gsut/base/aligned_vector.h"
+#include "gsut/base/check_arguments.h"
 #include "gsut/base/errors.h"
 #include "gsut/sfm/match.h"
 
@@ -333,7 +334,8 @@ Descriptors SumDescriptors(const std::uint8_t* bytes, int count) {
 std::vector<FeatureMatch> MatchDescriptors(const std::uint8_t* first, int num_first,
                                            const std::uint8_t* second, int num_second,
                                            const MatchOptions& options) {
-  if (num_first < 0 || num_second < 0) throw InputError("a number of descriptors is negative");
+  CheckArray(first, num_first, "first");
+  CheckArray(second, num_second, "second");
   return HWY_DYNAMIC_DISPATCH(Match)(SumDescriptors(first, num_first),
                                      SumDescriptors(second, num_second), options);
 }

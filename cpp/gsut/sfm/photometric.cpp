@@ -9,6 +9,7 @@
 #include <memory>
 #include <string>
 
+#include "gsut/base/check_arguments.h"
 #include "gsut/base/errors.h"
 #include "gsut/sfm/ceres_settings.h"
 #include "gsut/sfm/lens_parameters.h"
@@ -250,6 +251,9 @@ class ColorProblem {
 PhotometricSummary RefinePhotometric(SceneColors* scene, std::vector<Camera>* cameras,
                                      std::vector<PhotometricImage>* images,
                                      const PhotometricOptions& options) {
+  CheckGiven(scene, "scene");
+  CheckGiven(cameras, "cameras");
+  CheckGiven(images, "images");
   Check(*cameras, *images, options);
   SceneEvaluation evaluation(scene, *cameras, *images, options);
   evaluation.PrepareForEvaluation(true, true);

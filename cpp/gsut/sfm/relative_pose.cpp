@@ -7,6 +7,7 @@
 #include <array>
 #include <cmath>
 
+#include "gsut/base/check_arguments.h"
 #include "gsut/sfm/minimal_solvers.h"
 #include "gsut/sfm/sampler.h"
 #include "gsut/sfm/triangulate.h"
@@ -181,6 +182,7 @@ double EpipolarError(const Eigen::Matrix3d& essential, const Bearing& first,
 
 RelativePose EstimateRelativePose(std::span<const Bearing> first, std::span<const Bearing> second,
                                   const RelativePoseOptions& options) {
+  CheckSameSize(first.size(), second.size(), "first and second");
   RelativePose result;
   const int count = static_cast<int>(first.size());
   result.inliers.assign(count, 0);

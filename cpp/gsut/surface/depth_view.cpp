@@ -5,6 +5,8 @@
 #include <cmath>
 #include <limits>
 
+#include "gsut/base/check_arguments.h"
+
 namespace gsut {
 namespace {
 
@@ -26,6 +28,7 @@ constexpr int kMaxSteps = 20;
 DepthView::DepthView(const Camera& camera, const CameraMotion& motion, const float* depth,
                      const float* weight, const Vector3d& center)
     : camera_(camera), motion_(motion), center_(center), lens_(camera) {
+  CheckGiven(depth, "depth");
   place_ = motion.Middle().CenterInSource() - center;
   const Shutter& shutter = motion.shutter;
   const int lines = shutter.NumLines(width(), height());

@@ -7,6 +7,7 @@
 #include <limits>
 #include <numeric>
 
+#include "gsut/base/check_arguments.h"
 #include "gsut/base/errors.h"
 #include "gsut/base/parallel.h"
 
@@ -58,7 +59,8 @@ double MeetTriangle(const Vector3d& origin, const Vector3d& direction, const Vec
 
 TriangleTree::TriangleTree(std::vector<double> vertices, std::vector<std::uint32_t> faces)
     : vertices_(std::move(vertices)), faces_(std::move(faces)), order_(faces_.size() / 3) {
-  if (faces_.empty()) throw InputError("a mesh needs at least one face");
+  if (faces_.empty() || faces_.size() % 3 != 0)
+    throw InputError("a mesh needs at least one face, and three vertices a face");
   if (*std::max_element(faces_.begin(), faces_.end()) >= vertices_.size() / 3) {
     throw InputError("a face names a vertex that is not there");
   }
@@ -108,6 +110,9 @@ void TriangleTree::Build(std::uint32_t first, std::uint32_t count, std::vector<V
 // nearer child is taken first, so that the bound falls quickly.
 void TriangleTree::Nearest(std::int64_t count, const double* queries, double* distances,
                            std::int64_t* faces) const {
+  CheckArray(queries, count, "queries");
+  CheckArray(distances, count, "distances");
+  CheckArray(faces, count, "faces");
   ParallelFor(count, kGrain, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t i = begin; i < end; ++i) {
       const Eigen::Map<const Vector3d> p(queries + 3 * i);
@@ -146,6 +151,10 @@ void TriangleTree::Nearest(std::int64_t count, const double* queries, double* di
 // (slab test, Kay and Kajiya, 1986).
 void TriangleTree::Cast(std::int64_t count, const double* origins, const double* directions,
                         double* distances, std::int64_t* faces) const {
+  CheckArray(origins, count, "origins");
+  CheckArray(directions, count, "directions");
+  CheckArray(distances, count, "distances");
+  CheckArray(faces, count, "faces");
   ParallelFor(count, kGrain, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t i = begin; i < end; ++i) {
       const Vector3d origin = Eigen::Map<const Vector3d>(origins + 3 * i);
@@ -194,6 +203,11 @@ void TriangleTree::Cast(std::int64_t count, const double* origins, const double*
 // of the faces.
 void LabelParts(std::int64_t num_vertices, std::int64_t num_faces, const std::uint32_t* faces,
                 std::uint32_t* labels) {
+  CheckArray(labels, num_vertices, "labels");
+  CheckArray(faces, num_faces, "faces");
+  if (num_faces > 0 && *std::max_element(faces, faces + 3 * num_faces) >= num_vertices) {
+    throw InputError("a face names a vertex that is not there");
+  }
   std::iota(labels, labels + num_vertices, 0u);
   const auto root = [&](std::uint32_t vertex) {
     while (labels[vertex] != vertex) {
