@@ -73,6 +73,21 @@ void CheckMotions(const Bundle& bundle, const BundleOptions& options) {
 
 }  // namespace
 
+void CheckObservations(const Bundle& bundle) {
+  const int images = static_cast<int>(bundle.camera_from_world.size());
+  const int points = static_cast<int>(bundle.points.size());
+  const auto inside = [](int index, int count) { return index >= 0 && index < count; };
+  for (const BundleObservation& observation : bundle.observations) {
+    if (inside(observation.image, images) && inside(observation.point, points)) continue;
+    throw InputError("an observation names image " + std::to_string(observation.image) +
+                     " and point " + std::to_string(observation.point) + "; there are " +
+                     std::to_string(images) + " and " + std::to_string(points));
+  }
+}
+
+namespace {
+
+// Throws InputError for an index out of range, or a list whose length does not fit; says which.
 // Everything that indexes something is checked here, once, so that no inner loop has to.
 void CheckBundle(const Bundle& bundle, const BundleOptions& options) {
   const int images = static_cast<int>(bundle.camera_from_world.size());
@@ -87,12 +102,7 @@ void CheckBundle(const Bundle& bundle, const BundleOptions& options) {
                        std::to_string(bundle.cameras.size()));
     }
   }
-  for (const BundleObservation& observation : bundle.observations) {
-    if (inside(observation.image, images) && inside(observation.point, points)) continue;
-    throw InputError("an observation names image " + std::to_string(observation.image) +
-                     " and point " + std::to_string(observation.point) + "; there are " +
-                     std::to_string(images) + " and " + std::to_string(points));
-  }
+  CheckObservations(bundle);
   const auto fits = [](const std::vector<std::uint8_t>& flags, int count) {
     return flags.empty() || static_cast<int>(flags.size()) == count;
   };
@@ -118,6 +128,8 @@ void CheckBundle(const Bundle& bundle, const BundleOptions& options) {
   }
   if (!known) throw InputError("lens_priors must have a mean and a sigma of each parameter");
 }
+
+}  // namespace
 
 BundleSummary AdjustBundle(Bundle* bundle, const BundleOptions& options) {
   CheckGiven(bundle, "bundle");

@@ -165,7 +165,7 @@ std::vector<Matrix6> InvertBlocks(Eigen::Ref<Eigen::MatrixXd> normal, const std:
 }  // namespace
 
 std::vector<Matrix6> PoseCovariances(const Bundle& bundle, const BundleOptions& options) {
-  CheckBundle(bundle, options);
+  CheckObservations(bundle);
   const int images = static_cast<int>(bundle.camera_from_world.size());
   const BundleState state(bundle);
   const int bodies = state.num_bodies();

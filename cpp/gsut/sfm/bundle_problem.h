@@ -14,8 +14,8 @@
 
 namespace gsut {
 
-// Throws InputError for an index out of range, or a list whose length does not fit; says which.
-void CheckBundle(const Bundle& bundle, const BundleOptions& options);
+// Throws InputError if an observation names an image or a point that is not there.
+void CheckObservations(const Bundle& bundle);
 
 class BundleProblem {
  public:
