@@ -243,4 +243,5 @@ def _one_view_scene(scene: BenchScene) -> Any:
         views=[SimpleNamespace(name="0", motion=scene.camera_from_world, camera_index=0)],
         points=np.eye(_SEEDS, 3), point_colors=np.eye(_SEEDS, 3, dtype=np.uint8),
         camera=lambda index: camera, image=lambda index: pixels, mask=lambda index: valid,
+        alpha=lambda index: None,
     )  # fmt: skip

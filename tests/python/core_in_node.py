@@ -89,8 +89,12 @@ def draw_in_browser(folder, jobs):
     with browser() as window:
         window.open(f"file://{page}")
         drawn = window.run("""
-          const core = await Core.load(await unpack("core", "gzip")), out = [];
-          const bytes = Uint8Array.from(atob(part("numbers").textContent), (c) => c.charCodeAt(0));
+          const part = (id) => document.getElementById(id);
+          const decode = (id) => Uint8Array.from(atob(part(id).textContent), (c) => c.charCodeAt(0));
+          const stream = new Blob([decode("core")]).stream();
+          const unpacked = stream.pipeThrough(new DecompressionStream("gzip"));
+          const core = await Core.load(new Uint8Array(await new Response(unpacked).arrayBuffer()));
+          const out = [], bytes = decode("numbers");
           drawJobs(core, JSON.parse(part("jobs").textContent), new Float32Array(bytes.buffer),
             (array) => out.push(crypto.subtle.digest("SHA-256", array)));
           const hex = (byte) => byte.toString(16).padStart(2, "0");

@@ -164,7 +164,7 @@ def test_training_pauses_goes_on_and_stops_with_what_there_is(scene, tmp_path):
     assert paused["told"]["history"][-1]["step"] == 10
     assert paused["first"].any()
     assert result.metrics["steps"] == 16
-    assert result.metrics["notes"] == ["the training was stopped after 16 of 24 steps"]
+    assert "the training was stopped after 16 of 24 steps" in result.metrics["notes"]
     assert (tmp_path / "run/scene.ply").is_file()
     assert (tmp_path / "run/report.html").is_file()
     assert told()["state"] == "finished"

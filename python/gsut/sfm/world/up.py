@@ -61,7 +61,7 @@ def find_held(solution: Solution, orientations: dict[str, int]) -> Held | None:
     if length < 0.5:
         return None
     spread = np.transpose(levels) @ np.array(levels) / len(levels)
-    is_level = solution.cameras[0].model == "equirectangular"
+    is_level = any(camera.model == "equirectangular" for camera in solution.cameras[:1])
     return Held(mean / length, spread, len(ups), _LEVELLED if is_level else _PITCH)
 
 
