@@ -90,7 +90,8 @@ def draw_in_browser(folder, jobs):
         window.open(f"file://{page}")
         drawn = window.run("""
           const part = (id) => document.getElementById(id);
-          const decode = (id) => Uint8Array.from(atob(part(id).textContent), (c) => c.charCodeAt(0));
+          const decode = (id) =>
+            Uint8Array.from(atob(part(id).textContent), (c) => c.charCodeAt(0));
           const stream = new Blob([decode("core")]).stream();
           const unpacked = stream.pipeThrough(new DecompressionStream("gzip"));
           const core = await Core.load(new Uint8Array(await new Response(unpacked).arrayBuffer()));
