@@ -31,7 +31,7 @@ FIGURES: dict[str, tuple[str, list[_Cell]]] = {
         "{:.1f} dB held out in {:.0f} s, {:.1f} dB in {:.0f} s",
         [("results", "table: train", row, c) for row in _FOX for c in (_PSNR, _TIME)],
     ),
-    "poses of the same 60 views by the known lens, without COLMAP": (
+    "poses of the 70 views by the known lens, without COLMAP": (
         "{:.3f} degrees in {:.0f} CPU-s; pycolmap {:.3f} degrees in {:.0f} CPU-s",
         [("results", f"--only {way}", _KNOWN, c) for way in ("gsut", "pycolmap")
          for c in (_TURN, _CPU)],
