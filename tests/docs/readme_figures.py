@@ -32,9 +32,8 @@ FIGURES: dict[str, tuple[str, list[_Cell]]] = {
         [("results", "table: train", row, c) for row in _FOX for c in (_PSNR, _TIME)],
     ),
     "poses of the 70 views by the known lens, without COLMAP": (
-        "{:.3f} degrees in {:.0f} CPU-s; pycolmap {:.3f} degrees in {:.0f} CPU-s",
-        [("results", f"--only {way}", _KNOWN, c) for way in ("gsut", "pycolmap")
-         for c in (_TURN, _CPU)],
+        "{:.3f} degrees in {:.0f} CPU-s",
+        [("results", "--only gsut", _KNOWN, c) for c in (_TURN, _CPU)],
     ),
     "a drone's video of 12 s, lens not given: frames, lens, poses and scene": (
         "{:.0f} of {:.0f} frames, {:.1f} dB held out, {:.0f} s",
