@@ -68,7 +68,7 @@ def wall(tmp_path_factory):
 
 def test_markers_of_a_picture_are_found_with_their_corners_in_order(wall):
     folder, _ = wall
-    ids, corners = find_markers(folder / "images" / "0.png", DICTIONARY)
+    ((ids, corners),) = find_markers(folder / "images" / "0.png", [DICTIONARY])
     assert ids.tolist() == sorted(AT)
     pose = np.linalg.inv(look_at_the_wall(0))
     camera = gsut.Camera("pinhole", [250.0, 250.0, 200.0, 150.0], 400, 300)

@@ -58,7 +58,7 @@ def add_learned_features(mapping: Mapping, absent: np.ndarray) -> Mapping | None
         for pair, own in zip(pairs, matches, strict=True)
     ]
     more = mapping.replace(
-        features=[_join(*both) for both in zip(mapping.features, learned, strict=True)],
+        features=list(map(Features.join, mapping.features, learned)),
         raw=RawMatches(pairs, [each.astype(np.int32) for each in joined]),
         pairs=[],
     )
@@ -109,9 +109,3 @@ def _match(
 ) -> list[np.ndarray]:
     """Matches learned features of pairs (P, 2) of images that are each other's nearest."""
     return list(_core.match_pairs(descriptors, pairs, _NO_RATIO, distance))
-
-
-def _join(first: Features, second: Features) -> Features:
-    """Puts the features of an image behind others of it."""
-    pairs = zip(vars(first).values(), vars(second).values(), strict=True)
-    return Features(*(np.concatenate(pair) for pair in pairs))

@@ -54,6 +54,11 @@ class Features:
     def __len__(self) -> int:
         return len(self.pixels)
 
+    def join(self, others: Features) -> Features:
+        """Returns these features, with others of the same image behind them."""
+        pairs = zip(vars(self).values(), vars(others).values(), strict=True)
+        return Features(*(np.concatenate(pair) for pair in pairs))
+
     def normalize_descriptors(self, most: int | None = None) -> np.ndarray:
         """Returns (M, 128) float32 descriptors of unit length of the `most` largest features."""
         values = self.descriptors[:most].astype(np.float32)

@@ -58,12 +58,9 @@ def add_markers(mapping: Mapping) -> Mapping:
         return mapping
     readable = [i for i, features in enumerate(mapping.features) if len(features)]
     step = max(1, len(readable) // _SAMPLES)
-    found: list[list[Seen]] = []
-    for name in _DICTIONARIES:
-        found.append(_find_in_all(mapping, readable[::step], name))
-    counts = [len(_list_shared(seen)) for seen in found]
-    best = int(np.argmax(counts))
-    seen = _find_in_all(mapping, readable, _DICTIONARIES[best])
+    found = _find_in_all(mapping, readable[::step], _DICTIONARIES)
+    best = int(np.argmax([len(_list_shared(seen)) for seen in found]))
+    (seen,) = _find_in_all(mapping, readable, _DICTIONARIES[best : best + 1])
     shared = _list_shared(seen)
     if not len(shared):
         raise InputError(
@@ -174,28 +171,38 @@ def measure_markers(solution: Solution, ids: Sequence[np.ndarray]) -> list[dict[
     return found
 
 
-def _find_in_all(mapping: Mapping, chosen: Sequence[int], dictionary: str) -> list[Seen]:
-    """Finds the markers of one dictionary in some of the photographs."""
+def _find_in_all(
+    mapping: Mapping, chosen: Sequence[int], dictionaries: Sequence[str]
+) -> list[tuple[Seen, ...]]:
+    """Finds the markers of each dictionary in some of the photographs."""
     paths = [mapping.photographs.paths[i] for i in chosen]
     threads = mapping.options.threads or _core.num_threads()
     with ThreadPoolExecutor(threads) as pool:
-        return list(pool.map(partial(find_markers, dictionary=dictionary), paths))
+        found = pool.map(partial(find_markers, dictionaries=dictionaries), paths)
+        return list(zip(*found, strict=True))
 
 
-def find_markers(path: Path, dictionary: str) -> Seen:
-    """Finds the markers of a dictionary of OpenCV in a photograph, by their corners' order.
+def find_markers(path: Path, dictionaries: Sequence[str]) -> list[Seen]:
+    """Finds the markers of dictionaries of OpenCV in a photograph.
 
     Returns:
-        Ids (K,) and corners (K, 4, 2) in pixels, (0.5, 0.5) the centre of the top-left pixel. A
-        marker that is there twice is left out.
+        Of each dictionary ids (K,) and corners (K, 4, 2) in pixels, (0.5, 0.5) the centre of the
+        top-left pixel. A marker that is there twice is left out.
     """
+    import cv2
+
+    grey = cv2.cvtColor(decode_image(path)[0], cv2.COLOR_RGB2GRAY)
+    return [_find_of_dictionary(grey, each) for each in dictionaries]
+
+
+def _find_of_dictionary(grey: np.ndarray, dictionary: str) -> Seen:
+    """Finds the markers of one dictionary in an image (H, W)."""
     import cv2
 
     settings = cv2.aruco.DetectorParameters()
     settings.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
     codes = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, dictionary))
     detector = cv2.aruco.ArucoDetector(codes, settings)
-    grey = cv2.cvtColor(decode_image(path)[0], cv2.COLOR_RGB2GRAY)
     corners, ids, _ = detector.detectMarkers(grey)
     if ids is None:
         return np.zeros(0, np.int64), np.zeros((0, CORNERS, 2))
@@ -257,8 +264,7 @@ def _prepend(features: Features, ids: np.ndarray, corners: np.ndarray) -> Featur
         np.array(descriptors, np.uint8).reshape(-1, DESCRIPTOR_LENGTH),
         np.full((len(number), 3), 128, np.uint8),
     )
-    pairs = zip(vars(own).values(), vars(features).values(), strict=True)
-    return Features(*(np.concatenate(pair) for pair in pairs))
+    return own.join(features)
 
 
 def _shorten(dictionary: str) -> str:
