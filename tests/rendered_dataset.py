@@ -38,14 +38,19 @@ def poses() -> list[np.ndarray]:
     for i in range(VIEWS):
         angle = 2 * np.pi * i / VIEWS
         center = np.array([4 * np.cos(angle), 0.5 * np.sin(3 * angle), 4 * np.sin(angle)])
-        forward = -center / np.linalg.norm(center)
-        right = np.cross([0.0, 1.0, 0.0], forward)
-        right /= np.linalg.norm(right)
-        pose = np.eye(4)
-        pose[:3, :3] = np.stack([right, np.cross(forward, right), forward])
-        pose[:3, 3] = -pose[:3, :3] @ center
-        placed.append(pose)
+        placed.append(look_from(center))
     return placed
+
+
+def look_from(center: np.ndarray) -> np.ndarray:
+    """Camera_from_world of a camera that looks at the origin."""
+    forward = -center / np.linalg.norm(center)
+    right = np.cross([0.0, 1.0, 0.0], forward)
+    right /= np.linalg.norm(right)
+    pose = np.eye(4)
+    pose[:3, :3] = np.stack([right, np.cross(forward, right), forward])
+    pose[:3, 3] = -pose[:3, :3] @ center
+    return pose
 
 
 def write_dataset(

@@ -10,7 +10,7 @@ from gsut import TrainOptions
 from gsut.data import Scene
 from gsut.training import choose_degree, degree_trial
 from random_scenes import arrays_of, pinhole
-from rendered_dataset import truth
+from rendered_dataset import look_from, truth
 
 VIEWS = 48
 NOISE = 10.0  # standard deviation of the sensor in grey levels: what harmonics could learn
@@ -22,17 +22,6 @@ OPTIONS = TrainOptions(background=(0.0, 0.0, 0.0))
 def small_trials(monkeypatch):
     """Trials of a size that fits the scenes of these tests."""
     monkeypatch.setattr(degree_trial, "_SIZES", (SIZE,))
-
-
-def look_from(center: np.ndarray) -> np.ndarray:
-    """Camera_from_world of a camera that looks at the origin."""
-    forward = -center / np.linalg.norm(center)
-    right = np.cross([0.0, 1.0, 0.0], forward)
-    right /= np.linalg.norm(right)
-    pose = np.eye(4)
-    pose[:3, :3] = np.stack([right, np.cross(forward, right), forward])
-    pose[:3, 3] = -pose[:3, :3] @ center
-    return pose
 
 
 def make_scene(dataset, rng, gloss: float) -> Scene:
