@@ -12,7 +12,7 @@ import numpy as np
 from gsut.capture.facts import TurnRecord
 from gsut.capture.telemetry import STAMPS
 from gsut.files import FileError, read_text, register_reader, write_npz
-from gsut.gaussians import quaternion_from_rotation, rotations_from_quaternions
+from gsut.gaussians import find_rotation_vectors, rotations_from_quaternions
 
 # Radians a second beyond which no gyroscope of a camera measures.
 _MOST_RATE = 40.0
@@ -22,7 +22,6 @@ _LONGEST_GAP = 0.1
 _FEWEST = 16
 # How far the length of a recorded quaternion may be from one.
 _UNIT = 0.05
-_TINY = 1e-12  # sine of a turn that has no axis
 # How far the camera's clock may run off the film's, as a share.
 _CLOCK = 0.05
 _TURNS = "turns.npz"  # beside capture.json
@@ -163,10 +162,7 @@ def _find_picture_rates(streams: dict[str, np.ndarray]) -> np.ndarray:
     of_camera, of_picture = (rotations_from_quaternions(each) for each in unit)
     picture_from_world = of_picture @ of_camera
     step = picture_from_world[:-1] @ picture_from_world[1:].transpose(0, 2, 1)
-    quaternions = quaternion_from_rotation(step)
-    sine = np.linalg.norm(quaternions[:, 1:], axis=1)
-    angle = 2 * np.arctan2(sine, quaternions[:, 0])
-    rates = quaternions[:, 1:] * (angle / np.maximum(sine, _TINY) / np.diff(times))[:, None]
+    rates = find_rotation_vectors(step) / np.diff(times)[:, None]
     return np.column_stack([times, np.concatenate([rates, np.zeros((1, 3))])])
 
 

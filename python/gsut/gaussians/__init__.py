@@ -8,6 +8,7 @@ from gsut.gaussians.cut import (
 from gsut.gaussians.morton import order_by_morton_code
 from gsut.gaussians.pixel_size import compute_pixel_density, find_pixel_sizes
 from gsut.gaussians.quaternions import (
+    find_rotation_vectors,
     multiply_quaternions,
     quaternion_from_rotation,
     rotations_from_quaternions,
@@ -30,6 +31,7 @@ __all__ = [
     "count_bytes_per_gaussian",
     "find_ground",
     "find_pixel_sizes",
+    "find_rotation_vectors",
     "merge_gaussians",
     "multiply_quaternions",
     "order_by_morton_code",

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+_TINY = 1e-12  # twice the sine of a turn that has no axis
+
 
 def quaternion_from_rotation(rotation: np.ndarray) -> np.ndarray:
     """Converts rotations (..., 3, 3) to quaternions (..., 4) w, x, y, z with w >= 0.
@@ -38,3 +40,18 @@ def rotations_from_quaternions(q: np.ndarray) -> np.ndarray:
         [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
     ]
     return np.stack([np.stack(row, axis=1) for row in rows], axis=1)
+
+
+def find_rotation_vectors(rotations: np.ndarray) -> np.ndarray:
+    """Finds the rotation vectors (N, 3) of rotations (N, 3, 3) of less than half a turn."""
+    axes = np.stack(
+        [
+            rotations[:, 2, 1] - rotations[:, 1, 2],
+            rotations[:, 0, 2] - rotations[:, 2, 0],
+            rotations[:, 1, 0] - rotations[:, 0, 1],
+        ],
+        axis=1,
+    )
+    sine = np.linalg.norm(axes, axis=1)
+    angle = np.arctan2(sine, np.trace(rotations, axis1=1, axis2=2) - 1)
+    return axes * np.where(sine > _TINY, angle / np.maximum(sine, _TINY), 0.5)[:, None]

@@ -8,7 +8,6 @@ from gsut.surface.grid import Grid, check_grid_name, extract_grid, grid_from_dep
 from gsut.surface.mesh import Mesh
 from gsut.surface.mesh_files import check_mesh_name, load_mesh, save_mesh
 from gsut.surface.report import SurfaceView, build_geometry_tables, build_surface_page, choose_views
-from gsut.surface.shading import shade_mesh
 from gsut.surface.soup import make_soup
 
 __all__ = [
@@ -34,5 +33,4 @@ __all__ = [
     "render_depth_maps",
     "save_grid",
     "save_mesh",
-    "shade_mesh",
 ]

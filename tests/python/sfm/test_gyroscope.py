@@ -7,9 +7,10 @@ import pytest
 
 import tolerances
 from gsut import _core
+from gsut.gaussians import find_rotation_vectors
 from gsut.sfm.gyroscope import calibrate_turns, use_gyroscope
 from gsut.sfm.gyroscope.calibration import QUARTER_TURNS
-from gsut.sfm.gyroscope.curve import TurnCurve, find_vectors
+from gsut.sfm.gyroscope.curve import TurnCurve
 from gsut.sfm.lens import judge_lens
 from gsut.sfm.lens.prior import find_focal
 from made_flight import LENS, fly_again
@@ -26,7 +27,7 @@ def record(rotations, rng, offset=0.0, axes=None, bias=BIAS, noise=NOISE, scale=
 
     offset: seconds by which it is late. axes: camera_from_sensor.
     """
-    vectors = find_vectors(rotations[1:] @ rotations[:-1].transpose(0, 2, 1))
+    vectors = find_rotation_vectors(rotations[1:] @ rotations[:-1].transpose(0, 2, 1))
     times = np.arange(-1.0, APART * len(rotations) + 1.0, 1 / HERTZ)
     interval = np.floor((times - offset) / APART + 1e-9).astype(int)
     inside = (interval >= 0) & (interval < len(vectors))
@@ -66,7 +67,9 @@ def test_curve_derivatives_agree_with_differences(unknown, rng):
         changed, by = TurnCurve(rates, bias).find_turns(*inner.T), found.by_bias[:, :, 0]
     else:
         changed, by = TurnCurve(rates, np.zeros(3)).find_turns(*(inner + step).T), found.by_offset
-    difference = find_vectors(changed.rotations @ found.rotations.transpose(0, 2, 1)) / step
+    difference = (
+        find_rotation_vectors(changed.rotations @ found.rotations.transpose(0, 2, 1)) / step
+    )
     assert np.abs(difference - by).max() < tolerances.GYROSCOPE_DERIVATIVES * np.abs(by).max()
 
 

@@ -8,7 +8,8 @@ import pytest
 import gsut
 import tolerances
 from gsut import InputError, _core
-from gsut.surface import Mesh, load_mesh, render_depth_maps, save_mesh, shade_mesh
+from gsut.surface import Mesh, load_mesh, render_depth_maps, save_mesh
+from gsut.surface.shading import shade_mesh
 from random_scenes import pinhole
 from surface_scenes import (
     edge_counts,

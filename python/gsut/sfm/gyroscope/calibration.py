@@ -7,8 +7,9 @@ import itertools
 
 import numpy as np
 
-from gsut.gaussians import rotations_from_quaternions
-from gsut.sfm.gyroscope.curve import TurnCurve, exp_quaternions, find_vectors
+from gsut._core import exp_pose
+from gsut.gaussians import find_rotation_vectors
+from gsut.sfm.gyroscope.curve import TurnCurve
 
 # Unknowns of a calibration: bias (3), scale, axes (3), time offset.
 UNKNOWNS = 8
@@ -71,7 +72,7 @@ def calibrate_turns(
         times: (P, 2) seconds of the first and second picture of pairs.
         rotations: (P, 3, 3) second camera from first one.
     """
-    vectors = find_vectors(rotations)
+    vectors = find_rotation_vectors(rotations)
     start = _search_start(rates, times, vectors)
     if start is None:
         return None
@@ -81,18 +82,18 @@ def calibrate_turns(
         turns = TurnCurve(rates, bias).find_turns(*(times + offset).T)
         recorded = axes @ turns.rotations @ axes.T
         columns = [
-            axes @ turns.by_bias, find_vectors(recorded)[..., None], np.eye(3) - recorded,
+            axes @ turns.by_bias, find_rotation_vectors(recorded)[..., None], np.eye(3) - recorded,
             axes @ turns.by_offset[..., None],
         ]  # fmt: skip
         by_unknowns = np.concatenate(columns, axis=2)
-        off = find_vectors(rotations @ recorded.transpose(0, 2, 1))
+        off = find_rotation_vectors(rotations @ recorded.transpose(0, 2, 1))
         known = np.isfinite(off).all(axis=1)
         if np.count_nonzero(known) < _FEWEST:
             return None
         change, left, sigma, normal = _solve(off, by_unknowns, known, scale)
         bias = bias + change[:3]
         scale = float(change[3])
-        axes = _exp(change[4:7]) @ axes
+        axes = np.asarray(exp_pose([0, 0, 0, *change[4:7]]))[:3, :3] @ axes
         offset += float(change[7])
     used = known & (np.sum(left**2, axis=1) < (_WRONG * sigma) ** 2 * 3)
     total = float(np.sum(vectors[used] ** 2))
@@ -132,7 +133,7 @@ def _search_start(
     curve, found = TurnCurve(rates, np.zeros(3)), None
     least = np.inf
     for offset in np.arange(-_LONGEST_OFFSET, _LONGEST_OFFSET + _STEP / 2, _STEP):
-        recorded = find_vectors(curve.find_turns(*(times + offset).T).rotations)
+        recorded = find_rotation_vectors(curve.find_turns(*(times + offset).T).rotations)
         known = np.isfinite(recorded).all(axis=1)
         if np.count_nonzero(known) < _FEWEST:
             continue
@@ -142,10 +143,6 @@ def _search_start(
             if (cost := float(np.mean(np.sqrt(left)))) < least * (1 - 1e-6):
                 least, found = cost, (float(offset), axes)
     return found
-
-
-def _exp(vector: np.ndarray) -> np.ndarray:
-    return np.asarray(rotations_from_quaternions(exp_quaternions(vector[None]))[0])
 
 
 def _list_quarter_turns() -> list[np.ndarray]:

@@ -8,8 +8,6 @@ import numpy as np
 
 from gsut.gaussians import rotations_from_quaternions
 
-_TINY = 1e-12  # radians of a turn that has no axis
-
 
 @dataclasses.dataclass(frozen=True)
 class Turns:
@@ -92,18 +90,3 @@ def multiply(first: np.ndarray, second: np.ndarray) -> np.ndarray:
         ],
         axis=1,
     )
-
-
-def find_vectors(rotations: np.ndarray) -> np.ndarray:
-    """Finds the rotation vectors (N, 3) of rotations (N, 3, 3) of less than half a turn."""
-    skew = np.stack(
-        [
-            rotations[:, 2, 1] - rotations[:, 1, 2],
-            rotations[:, 0, 2] - rotations[:, 2, 0],
-            rotations[:, 1, 0] - rotations[:, 0, 1],
-        ],
-        axis=1,
-    )
-    sine = np.linalg.norm(skew, axis=1)
-    angle = np.arctan2(sine, np.trace(rotations, axis1=1, axis2=2) - 1)
-    return skew * np.where(sine > _TINY, angle / np.maximum(sine, _TINY), 0.5)[:, None]
