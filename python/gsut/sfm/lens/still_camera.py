@@ -15,6 +15,7 @@ from gsut.lens import Camera
 from gsut.sfm.lens.candidates import explain_implausible, list_lens_ladder
 from gsut.sfm.lens.ranking import MATCHES, QUICK_PAIRS, choose_informative_pairs
 from gsut.sfm.mapping import Mapping
+from gsut.sfm.matches import ALL_SAME
 
 _TRIED = 3  # lenses, through which rotations explain most, that are adjusted
 _TURN_ERROR = 3.0  # factor on the largest error where a lens is only nearly right
@@ -144,6 +145,8 @@ def _refuse_turns(sample: _Sample, turns: np.ndarray, poses: np.ndarray, limit: 
     pairs = f"{explained} of {count} pairs of images"
     pixels = f"to {float(np.median(turns[turns < limit])):.1f} px, so there is no depth"
     shift = np.linalg.norm(sample.pixels[1] - sample.pixels[0], axis=1)
+    if not shift.any():
+        raise SolveError(ALL_SAME)
     if float(np.median(shift)) < limit:
         raise SolveError(
             f"the camera did not move: {pairs} show the same view {pixels}; walk around what you "
