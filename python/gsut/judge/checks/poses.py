@@ -16,8 +16,8 @@ _PROBABLE = 0.6745  # standard deviations that an error exceeds as often as not
 # right one mostly has more, and a wrong one leaves a third; and below which poses are poor.
 FEW_AGREE = 0.4
 _HARDLY_AGREE = 0.25
-# Share of the pairs whose matches poses reject as a whole: right poses reject hardly any, wrong ones
-# mostly a fifth and more.
+# Share of the pairs whose matches poses reject as a whole: right poses reject hardly any, wrong
+# ones mostly a fifth and more.
 REJECTED_LIMIT = 0.05
 _SOME_LOST = 0.05  # share of the images without a pose above which a result is usable at most
 _MANY_LOST = 0.4  # the same above which it is poor
