@@ -66,8 +66,8 @@ std::vector<std::uint32_t> ReadChosen(const py::handle& object) {
 }
 
 // Unknown settings are refused, so that a misspelt one is not silently its default.
-PhotometricOptions ReadOptions(const py::dict& values) {
-  PhotometricOptions options;  // one thread of Ceres: its sums differ with their number
+PhotometricRefinementOptions ReadOptions(const py::dict& values) {
+  PhotometricRefinementOptions options;  // one thread of Ceres: its sums differ with their number
   SettingsReader settings(values, "refine_photometric");
   settings.Read("loss_scale", &options.loss_scale);
   settings.Read("max_iterations", &options.max_iterations);
@@ -105,7 +105,7 @@ py::dict Refine(const py::object& gaussians, const std::vector<const Camera*>& c
     images.push_back(std::move(image));
   }
   // Read last: a fault of the views is the likelier one, and is named first.
-  const PhotometricOptions options = ReadOptions(settings);
+  const PhotometricRefinementOptions options = ReadOptions(settings);
   PhotometricSummary summary;
   {
     const LongCall released;

@@ -31,7 +31,7 @@ from gsut.run import (
     Verdict,
 )
 from gsut.run.options import fit_to_views
-from gsut.scene_folder import POSES, STATE, SceneFolder
+from gsut.scene_folder import POSES, SceneFolder
 from gsut.sfm import (
     PosesLog,
     PosesOptions,
@@ -128,7 +128,7 @@ def make_scene(
 
 def is_scene_finished(out: str | os.PathLike[str]) -> bool:
     """Returns whether a folder holds a scene whose stages are all finished."""
-    figures = RunFolder(out).read_json(STATE)
+    figures = RunFolder(out).read_json(RunFile.STATE)
     return figures is not None and "verdict" in figures
 
 

@@ -16,7 +16,6 @@ from gsut.run.options import format_flag
 from gsut.training.record import list_changed_data
 
 POSES = "poses"  # folder of the pictures and poses, inside the run's folder
-STATE = "scene.json"  # paths and settings; seconds and verdict once the scene is finished
 _NO_SETTING = {"threads"}  # options that do not change the result
 
 
@@ -77,7 +76,7 @@ class SceneFolder:
 
     def save(self) -> None:
         """Writes the figures to scene.json."""
-        self.run.write_json(STATE, self.figures)
+        self.run.write_json(RunFile.STATE, self.figures)
 
     def drop_other_training(self, dataset: Scene) -> str:
         """Removes an unfinished training on other pictures or poses; names what has changed.
@@ -102,7 +101,7 @@ class SceneFolder:
             "inputs": [str(Path(name).resolve()) for name in self.inputs],
             **{name: value for name, value in settings.items() if name not in _NO_SETTING},
         }
-        figures = self.run.read_json(STATE)
+        figures = self.run.read_json(RunFile.STATE)
         if figures is None:
             self.run.refuse_run()
             return {"key": key}

@@ -131,7 +131,7 @@ class ColorCost : public ceres::CostFunction {
 };
 
 void Check(const std::vector<Camera>& cameras, const std::vector<PhotometricImage>& images,
-           const PhotometricOptions& options) {
+           const PhotometricRefinementOptions& options) {
   if (images.empty()) throw InputError("there is no image to refine");
   for (const PhotometricImage& image : images) {
     if (image.camera < 0 || image.camera >= static_cast<int>(cameras.size())) {
@@ -173,7 +173,8 @@ double Rms(const SceneEvaluation& evaluation, const std::vector<PhotometricImage
 class ColorProblem {
  public:
   ColorProblem(SceneEvaluation* evaluation, const std::vector<Camera>& cameras,
-               const std::vector<PhotometricImage>& images, const PhotometricOptions& options)
+               const std::vector<PhotometricImage>& images,
+               const PhotometricRefinementOptions& options)
       : problem_(MakeOptions(evaluation)) {
     for (std::size_t i = 0; i < images.size(); ++i) {
       AddImage(evaluation, cameras, images[i], options, &evaluation->states[i]);
@@ -189,7 +190,7 @@ class ColorProblem {
   }
 
   // Throws SolveError with the solver's message if it fails.
-  ceres::Solver::Summary Solve(const PhotometricOptions& options) {
+  ceres::Solver::Summary Solve(const PhotometricRefinementOptions& options) {
     ceres::Solver::Options solver;
     // A lens couples all images: their poses are eliminated first (a Schur complement a pose).
     solver.linear_solver_type = any_lens_ ? ceres::DENSE_SCHUR : ceres::DENSE_NORMAL_CHOLESKY;
@@ -219,7 +220,7 @@ class ColorProblem {
   }
 
   void AddImage(SceneEvaluation* evaluation, const std::vector<Camera>& cameras,
-                const PhotometricImage& image, const PhotometricOptions& options,
+                const PhotometricImage& image, const PhotometricRefinementOptions& options,
                 ImageState* state) {
     const auto camera = static_cast<std::size_t>(image.camera);
     const bool lens_free = evaluation->LensIsFree(image.camera);
@@ -250,7 +251,7 @@ class ColorProblem {
 
 PhotometricSummary RefinePhotometric(SceneColors* scene, std::vector<Camera>* cameras,
                                      std::vector<PhotometricImage>* images,
-                                     const PhotometricOptions& options) {
+                                     const PhotometricRefinementOptions& options) {
   CheckGiven(scene, "scene");
   CheckGiven(cameras, "cameras");
   CheckGiven(images, "images");

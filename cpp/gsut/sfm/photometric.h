@@ -32,7 +32,7 @@ struct PhotometricImage {
   std::vector<float> colors;  // (pixels, 3)
 };
 
-struct PhotometricOptions {
+struct PhotometricRefinementOptions {
   double loss_scale = 0.1;  // colour difference beyond which a pixel counts less (Huber); 0: never
   int max_iterations = 20;  // steps that lower the cost
   double function_tolerance = 1e-5;  // relative decrease of the cost at which it stops
@@ -53,6 +53,6 @@ struct PhotometricSummary {
 // the solver's message if it fails.
 PhotometricSummary RefinePhotometric(SceneColors* scene, std::vector<Camera>* cameras,
                                      std::vector<PhotometricImage>* images,
-                                     const PhotometricOptions& options);
+                                     const PhotometricRefinementOptions& options);
 
 }  // namespace gsut

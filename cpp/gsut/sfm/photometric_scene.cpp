@@ -52,7 +52,7 @@ void CarryToTurn(const std::vector<double>& rays, ImageState* state) {
 
 SceneEvaluation::SceneEvaluation(SceneColors* scene, const std::vector<Camera>& cameras,
                                  const std::vector<PhotometricImage>& images,
-                                 const PhotometricOptions& options)
+                                 const PhotometricRefinementOptions& options)
     : options_(options), scene_(scene), cameras_(cameras), images_(images) {
   for (const Camera& camera : cameras) lenses.push_back(camera.params());
   for (const PhotometricImage& image : images) {

@@ -27,7 +27,8 @@ class SceneEvaluation : public ceres::EvaluationCallback {
  public:
   // All are kept by reference.
   SceneEvaluation(SceneColors* scene, const std::vector<Camera>& cameras,
-                  const std::vector<PhotometricImage>& images, const PhotometricOptions& options);
+                  const std::vector<PhotometricImage>& images,
+                  const PhotometricRefinementOptions& options);
 
   bool LensIsFree(int camera) const;
   // The lens at the current parameters. Throws InputError if they make no lens.
@@ -44,7 +45,7 @@ class SceneEvaluation : public ceres::EvaluationCallback {
   std::vector<double> Point() const;
   bool Evaluate(const Camera& camera, const PhotometricImage& image, ImageState* state);
 
-  const PhotometricOptions& options_;
+  const PhotometricRefinementOptions& options_;
   SceneColors* scene_;
   const std::vector<Camera>& cameras_;
   const std::vector<PhotometricImage>& images_;

@@ -42,6 +42,8 @@ _FIELD = math.radians(195)
 _WIDTHS = (1.7, 2.1)
 # Most difference across the seam of a panorama, x that between its other columns.
 _SEAM = 2.0
+# Said where nothing below the camera is masked.
+_ADVICE = "; if a tripod, hand or stick is seen below, --nadir-cap 25 leaves it out"
 # Quality of written JPEG files: compression then changes features less than noise does.
 _JPEG_QUALITY = 97
 
@@ -71,6 +73,7 @@ def prepare_panoramas(taken: Capture, nadir: float = 0.0) -> Capture:
     """
     if not 0 <= nadir < 90:
         raise InputError(f"--nadir-cap must be from 0 to below 90 degrees, found {nadir:g}")
+    advice = "" if nadir else _ADVICE
     width, height = taken.figures["size"]
     paths = [taken.path / row["path"] for row in taken.figures["frames"]]
     if _WIDTHS[0] * height <= width <= _WIDTHS[1] * height:
@@ -89,7 +92,7 @@ def prepare_panoramas(taken: Capture, nadir: float = 0.0) -> Capture:
     if not seam:
         return taken
     lens = Camera("equirectangular", [], width, height)
-    note = "the pictures are 360-degree panoramas (equirectangular): their lens is known"
+    note = "the pictures are 360-degree panoramas (equirectangular): their lens is known" + advice
     _write_mask(taken.path / MASK, lens, None, nadir)
     rows = [{**row, "mask": MASK} for row in taken.figures["frames"]]
     figures = {**taken.figures, "frames": rows, "lens": values_from_camera(lens)}
@@ -194,7 +197,8 @@ def _split(taken: Capture, circles: Sequence[_Circle], nadir: float) -> Capture:
         "focal_px": None, "fisheye": values_from_camera(lens), "lenses": LENSES,
         "notes": [
             *taken.notes,
-            f"each picture holds the circles of two lenses, which become {len(rows)} pictures",
+            f"each picture holds the circles of two lenses, which become {len(rows)} pictures"
+            + ("" if nadir else _ADVICE),
         ],
     }  # fmt: skip
     write_json(folder / CAPTURE, figures)

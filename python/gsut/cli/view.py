@@ -39,6 +39,7 @@ def add_serve(parser: argparse.ArgumentParser) -> None:
         "port, 0.0.0.0:8000 to let other machines look, whoever has the page's address with its "
         "token [default: this machine, a free port, opened in a browser]",
     )
+    parser.add_argument("--no-open", action="store_true", help="open no browser")
 
 
 def parse_address(text: str) -> tuple[str, int]:
@@ -51,13 +52,14 @@ def parse_address(text: str) -> tuple[str, int]:
     return host.strip("[]"), int(port)
 
 
-def open_server(routes: dict[str, Any], address: tuple[str, int] | None, file: TextIO) -> Any:
-    """Serves a page, prints its address, and opens it unless `address` says where to serve it."""
+def open_server(routes: dict[str, Any], arguments: argparse.Namespace, file: TextIO) -> Any:
+    """Serves a page, prints its address, and opens it unless the flags of `add_serve` refuse."""
     from gsut.view import LOOPBACK, ViewServer
 
+    address = arguments.serve
     server = ViewServer(routes, *(address or (LOOPBACK, 0)))
     print(f"gsut view: {server.address} (Ctrl-C ends it)", file=file, flush=True)
-    if address is None and has_display():
+    if address is None and not arguments.no_open and has_display():
         webbrowser.open(server.address)
     return server
 
@@ -71,7 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
     told = sys.stderr if arguments.json else sys.stdout
     with (
         contextlib.suppress(KeyboardInterrupt),
-        open_server(Session(stage).routes, arguments.serve, told) as server,
+        open_server(Session(stage).routes, arguments, told) as server,
     ):
         if arguments.json:
             print_json({"address": server.address})
@@ -116,7 +118,7 @@ class LivePage:
         from gsut.view import LiveScene
 
         self.live = LiveScene(name)
-        server = open_server(self.live.routes, self._arguments.serve, sys.stderr)
+        server = open_server(self.live.routes, self._arguments, sys.stderr)
         self._stack.enter_context(server)
         return self.live
 

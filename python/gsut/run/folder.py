@@ -42,6 +42,7 @@ class RunFile:
     SCENE = "scene.ply"  # the trained Gaussians
     METRICS = "metrics.json"  # the figures on the held-out images
     REPORT = "report.html"  # all of it to look at
+    STATE = "scene.json"  # inputs and settings of gsut scene, if that made the run, and its figures
     REFINED = "refined.json"  # poses and lenses, where they were refined (see gsut.refined_poses)
     TRANSFORMS = "transforms.json"  # the same as a dataset, where the format has the lens
     PAGE = "scene.html"  # the scene for any browser, if gsut convert wrote it
@@ -66,7 +67,7 @@ _SHAPES = {
     RunFile.ENVIRONMENT: ENVIRONMENT_SHAPE,
     RunFile.METRICS: METRICS_SHAPE,
     RunFile.FINDINGS: {"findings": [dict.fromkeys(_OF_FINDING, str)]},
-    "scene.json": SCENE_SHAPE,
+    RunFile.STATE: SCENE_SHAPE,
 }
 
 

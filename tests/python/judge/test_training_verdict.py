@@ -9,7 +9,7 @@ import pytest
 from gsut.check import Finding
 from gsut.cli._flags import keep_findings
 from gsut.judge.checks import judge_training
-from gsut.run import BlockOptions, RunFolder, TrainOptions, Verdict
+from gsut.run import BlockOptions, RunFolder, SceneOptions, TrainOptions, Verdict
 from gsut.run.options import add_option_flags, collect_given
 from gsut.training.record.results import find_accused
 
@@ -154,6 +154,18 @@ def test_next_command_keeps_the_options_of_the_run_but_makes_more_steps(made, ag
         )
         advice = advice.partition(", then ")[2]
     assert options_of(advice, TrainOptions) == TrainOptions(**made | again)
+
+
+def test_next_command_of_a_scene_repeats_the_scene():
+    made = {"preset": "fast", "frames": 40, "fov": 80.0}
+    scene = {"inputs": ["a b.mp4"], **made}
+    options = TrainOptions(preset="fast", test_names=("../../a.png",))
+    advice = judge_training(GOOD | SOFT, "run/poses", "run", options, scene=scene).advice
+    assert advice.startswith("gsut scene 'a b.mp4' -o run-2 ")
+    assert options_of(advice, SceneOptions) == SceneOptions(**made | {"preset": "best"})
+    shifted = GOOD | SOFT | {"detail_shifted_median": 0.9}
+    advice = judge_training(shifted, "run/poses", "run", options, scene=scene).advice
+    assert advice.endswith("gsut train run/poses -o run-2 --preset fast --refine-poses")
 
 
 def test_next_command_divides_as_the_run_was_divided():

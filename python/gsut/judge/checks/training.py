@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from gsut.judge.checks.check import Check, find_faults
-from gsut.run import TrainOptions, Verdict
+from gsut.run import SceneOptions, TrainOptions, Verdict
 from gsut.run.options import PRESETS
 from gsut.system import format_command
 
@@ -73,12 +73,13 @@ class TrainingQuality:
 
 @dataclasses.dataclass(frozen=True)
 class NextCommand:
-    """The command that repeats a training with one change."""
+    """The command that repeats a training, or the whole scene it is of, with one change."""
 
     data: str
     out: str
     options: TrainOptions
     division: Sequence[str]
+    scene: Mapping[str, Any] | None
 
     def with_poses(self) -> str:
         return self._write(["--refine-poses"], "refine_poses")
@@ -95,11 +96,18 @@ class NextCommand:
         return self.options.preset != "best" and self.options.steps < PRESETS["best"]["steps"]
 
     def make_longer(self) -> str:
-        if self.is_short:
-            return self._write(["--preset", "best"], "preset", "steps")
-        return self._write(["--steps", str(2 * self.options.steps)], "steps")
+        words, but = ["--preset", "best"], ["preset", "steps"]
+        if not self.is_short:
+            words, but = ["--steps", str(2 * self.options.steps)], ["steps"]
+        if self.scene is None:
+            return self._write(words, *but)
+        inputs = self.scene["inputs"]
+        kept = SceneOptions.from_key(self.scene).list_words(*but)
+        return format_command(["gsut", "scene", *inputs, "-o", self.out, *kept, *words])
 
     def _write(self, words: Sequence[str], *but: str) -> str:
+        if self.scene is not None:
+            but = (*but, "test_names")  # chosen for it, as those of another training are
         kept = [*self.division, *self.options.list_words(*but)]
         return format_command(["gsut", "train", self.data, "-o", self.out, *kept, *words])
 
@@ -208,6 +216,7 @@ def judge_training(
     options: TrainOptions | None = None,
     division: Sequence[str] = (),
     accused: Mapping[str, str] | None = None,
+    scene: Mapping[str, Any] | None = None,
 ) -> Verdict:
     """Judges a training by how much of the detail of its held-out views is right.
 
@@ -220,6 +229,7 @@ def judge_training(
         division: words of the command line that divided it into blocks.
         accused: what the check before the training says is wrong: subject, "poses" or "lens",
             what and advice; None: nothing.
+        scene: "inputs" and settings of the `gsut scene` that trained; None: `gsut train` did.
     """
     if metrics.get("psnr") is None:
         return Verdict("usable", "no view was held out, so nothing was measured")
@@ -232,7 +242,7 @@ def judge_training(
         train=metrics.get("detail_train"),
         moving=metrics.get("moving_train", 0.0),
         patch=metrics.get("patch_train", 0.0),
-        repeat=NextCommand(data, f"{run}-2", options, division),
+        repeat=NextCommand(data, f"{run}-2", options, division, scene),
         accused=None if was_refined and _find_tracks(metrics)["refined"] else accused,
     )
     causes = find_faults(TRAINING_CHECKS, quality)[:1]

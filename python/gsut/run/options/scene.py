@@ -3,8 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
+from typing import Any
 
-from gsut.run.options.fields import check_options, define_option, describe_options
+from gsut.run.options.fields import (
+    check_options,
+    define_option,
+    describe_options,
+    list_fields,
+    list_words,
+)
 from gsut.run.options.recipe import PRESETS
 
 
@@ -53,3 +61,12 @@ class SceneOptions:
 
     def __post_init__(self) -> None:
         check_options(self)
+
+    @classmethod
+    def from_key(cls, key: Mapping[str, Any]) -> SceneOptions:
+        """Returns the settings among the values of a scene's key."""
+        return cls(**{f.name: key[f.name] for f in list_fields(cls) if f.name in key})
+
+    def list_words(self, *but: str) -> list[str]:
+        """Lists the words of a command line that make these options, without the fields `but`."""
+        return list_words(self, SceneOptions(), but)

@@ -178,8 +178,9 @@ def write_findings(
     if refined is not None:
         metrics["notes"] += _list_refinement_notes(metrics)
         write_refined(run, refined)
+    scene = (run.read_json(RunFile.STATE) or {}).get("key")
     verdict = judge_training(
-        metrics, str(data), str(run.path), options, division, find_accused(run)
+        metrics, str(data), str(run.path), options, division, find_accused(run), scene
     )
     metrics["verdict"] = verdict.as_dict()
     run.write_json("metrics.json", metrics)
