@@ -82,8 +82,8 @@ def sharpen_rates(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Joins the velocities of a film's images with the turns that its gyroscope recorded.
 
-    Pictures hardly tell a turn from a shift; where the turn is measured, the shift is known better,
-    too. Orientations of stabilised pictures say nothing of a turn within a frame.
+    Pictures hardly distinguish a turn from a shift; once the turn is measured, the shift is known
+    better. Orientations of stabilised pictures say nothing of a turn within a frame.
 
     Args:
         velocities: (N, 6) and their covariances (N, 6, 6), see `estimate_rates`.
