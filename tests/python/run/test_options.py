@@ -55,7 +55,7 @@ def test_presets_steps_are_fewer_for_few_views_and_given_ones_are_not():
 def test_a_small_cap_is_outgrown_in_fewer_of_a_presets_steps():
     small = TrainOptions(preset="fast", max_gaussians=5000)
     assert small.recipe.overgrowth > 1.0
-    assert fit_to_views(small, 60).steps == 475
+    assert fit_to_views(small, 60).steps == 450
     assert fit_to_views(dataclasses.replace(small, steps=500), 60).steps == 500
     others = {"max_gaussians": 200_000}, {"steps": 200}, {"primitive": "triangle"}
     for other in (*others, {"strategy": "mini"}):

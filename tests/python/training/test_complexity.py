@@ -90,4 +90,4 @@ def test_steps_that_growth_beyond_a_small_cap_replaces_are_reported(scene):
     options = fit_to_views(TrainOptions(preset="fast", max_gaussians=5000), 60)
     choose_complexity(scene, options, said.append)
     (line,) = said
-    assert "at most 5,000 Gaussians: 475 steps, for which the preset has 500; they outgrow" in line
+    assert "at most 5,000 Gaussians: 450 steps, for which the preset has 500; they outgrow" in line

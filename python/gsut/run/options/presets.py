@@ -13,7 +13,7 @@ _FULL_STEPS_VIEWS = 25
 # Fewest steps of a preset, however few the views.
 _LEAST_STEPS = 500
 # Share of a preset's steps that takes as long where Gaussians outgrow their cap for a while.
-_OVERGROWN_STEPS = 0.95
+_OVERGROWN_STEPS = 0.9
 
 
 def is_from_preset(options: TrainOptions, name: str) -> bool:

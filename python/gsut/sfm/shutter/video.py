@@ -97,7 +97,7 @@ def find_shutter(mapping: Mapping) -> Mapping:
         lines = find_video_shutter(mapping)
         mapping = mapping.complete_solution(lines.solution)
         solution = mapping.solved
-        mapping.log.note(lines.describe())
+        (mapping.log.keep if solution.shutter is None else mapping.log.note)(lines.describe())
         found = lines.readout
         if lines.signs is not None:
             figures["shutter_signs"] = lines.signs
