@@ -328,7 +328,7 @@ def _map_connected(mapping: Mapping) -> Mapping:
         with contextlib.suppress(SolveError):
             joined = register_left_out(_map_photographs(more))
             is_more = joined.solved.num_registered > np.count_nonzero(~absent)
-            if is_more and (failure is not None or not _rejects_more(joined, plain)):
+            if is_more and (failure is not None or not _has_more_rejected(joined, plain)):
                 found = np.flatnonzero(absent & joined.solved.registered)
                 names = [mapping.photographs.names[i] for i in found]
                 joined.log.note(f"learned features (XFeat) connected {list_some(names)}")
@@ -339,7 +339,7 @@ def _map_connected(mapping: Mapping) -> Mapping:
     return plain
 
 
-def _rejects_more(mapping: Mapping, than: Mapping) -> bool:
+def _has_more_rejected(mapping: Mapping, than: Mapping) -> bool:
     """Reports whether poses reject many pairs of images, and more than others do."""
     own, other = (measure_agreement(m.solved, m.pairs).contradicted for m in (mapping, than))
     return own > max(other, REJECTED_LIMIT)
