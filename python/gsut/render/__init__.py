@@ -1,6 +1,6 @@
 """Rendering and projection, camera paths, pictures and videos."""
 
-from gsut.render.confidence import Confidence
+from gsut.render.confidence import Confidence, find_depth_sigma
 from gsut.render.films import is_film, write_video
 from gsut.render.light import (
     Falloff,
@@ -36,6 +36,7 @@ __all__ = [
     "Surface",
     "choose_solid",
     "compute_field_angles",
+    "find_depth_sigma",
     "is_film",
     "make_orbit_path",
     "make_tour_path",

@@ -158,8 +158,7 @@ class Confidence:
         expected = self.expect_differences(result)
         seen = np.isfinite(expected)
         covered = np.where(seen, result.alpha, np.nan)
-        spread = np.sqrt(result.distortion / covered)
-        depth = np.hypot(_PER_SPREAD * spread, _PER_DISTANCE * result.depth / covered)
+        depth = find_depth_sigma(result.distortion, result.depth, covered)
         views = result.features[..., 2] / np.where(seen, result.features[..., 0], 1.0)
         maps = {
             "color_sigma": self.factors[_SIGMA] * expected,
@@ -184,6 +183,15 @@ class Confidence:
         """
         values: dict[str, Any] = read_npz(path, _FIELDS, fails=_make_error)
         return Confidence(**values | {"mark": int(values["mark"])})
+
+
+def find_depth_sigma(distortion: Any, depth: Any, alpha: Any) -> Any:
+    """Computes the standard deviation of distances along rays by how widely they spread.
+
+    Args:
+        distortion, depth, alpha: (H, W) or of a pixel, see `Rendered`.
+    """
+    return np.hypot(_PER_SPREAD * np.sqrt(distortion / alpha), _PER_DISTANCE * depth / alpha)
 
 
 def _make_error(where: object, what: str, _: str) -> InputError:

@@ -10,6 +10,7 @@ from gsut.sfm.solution.adjustment import (
     ReadoutMotion,
     RigConstraint,
     StatedPlaces,
+    StatedPoints,
     StatedTurns,
     index_lenses,
 )
@@ -50,6 +51,7 @@ __all__ = [
     "RigConstraint",
     "Solution",
     "StatedPlaces",
+    "StatedPoints",
     "StatedTurns",
     "adjust_poses",
     "adjust_registered",
