@@ -202,6 +202,35 @@ TEST(AdjustBundle, TurnPriorsDecideUnlessTheirCalibrationIsOpen) {
   }
 }
 
+// A survey states some points in another world, a thousand times more exactly than pixels are seen:
+// all goes there.
+TEST(AdjustBundle, PointPriorsMoveAllToTheirWorld) {
+  const Bundle exact = MakeBundle(WideLens(), 4, 60, 79);
+  const Eigen::Matrix3d turn = RotationOfVector({0.01, -0.02, 0.015});
+  const auto moved = [&](const Eigen::Vector3d& point) {
+    return Eigen::Vector3d(1.02 * turn * point + Eigen::Vector3d(0.1, -0.2, 0.3));
+  };
+  BundleOptions options;
+  options.through_lens = true;
+  options.function_tolerance = 1e-14;
+  for (const int point : {3, 17, 29, 41}) {
+    options.point_priors.push_back(
+        {point, moved(exact.points[point]), Eigen::Vector3d::Constant(1e-3)});
+  }
+  Bundle bundle = exact;
+  AdjustBundle(&bundle, options);
+  for (int i = 0; i < 4; ++i) {
+    EXPECT_LT((bundle.camera_from_world[i].CenterInSource() -
+               moved(exact.camera_from_world[i].CenterInSource()))
+                  .norm(),
+              kTurned);
+  }
+  options.point_priors[0].point = 60;
+  EXPECT_THROW(AdjustBundle(&bundle, options), InputError);
+  options.point_priors[0] = {3, Eigen::Vector3d::Zero(), Eigen::Vector3d::Zero()};
+  EXPECT_THROW(AdjustBundle(&bundle, options), InputError);
+}
+
 TEST(AdjustBundle, RefusesTurnsThatDoNotFit) {
   Bundle bundle = MakeBundle(WideLens(), 3, 60, 78);
   BundleOptions options;

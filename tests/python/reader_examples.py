@@ -43,6 +43,7 @@ from gsut.run.history import read_history
 from gsut.sfm.photographs.moments import read_turns
 from gsut.sfm.report.output import read_figures
 from gsut.sfm.world import read_positions
+from gsut.sfm.world.control_file import read_control
 from gsut.surface import Mesh, load_mesh, save_mesh
 
 LENS = gsut.Camera("kannala_brandt", [90, 91, 64, 48, 0.01, 0, 0, 0], 128, 96)
@@ -163,6 +164,11 @@ def write_arrays(file: Path) -> None:
     np.savez(file, pixels=rays[:, :2], rays=rays[:, 2:], width=128, height=96)
 
 
+def write_control(file: Path) -> None:
+    rows = ("name,use,x,y,z,sigma,picture,u,v", "A,check,1,2,3,0.01,a.png,5,6.5")
+    file.write_text("\n".join(rows) + "\n")
+
+
 TREE = {"axis": 0, "at": 1.5, "below": None, "above": None}
 # Reader -> its example; see `gsut.files.register_reader`.
 EXAMPLES: dict[str, Make] = {
@@ -199,6 +205,7 @@ EXAMPLES: dict[str, Make] = {
     "options of a run": write_options,
     "photograph of a board": write_by("board.png", write_picture, read_grey),
     "poses.json": write_figures,
+    "control points": write_by("control.csv", write_control, read_control),
     "positions of photographs": write_by(
         "p.csv", lambda file: file.write_text("name,x,y,z\na.png,1,2,3\n"), read_positions
     ),

@@ -119,6 +119,14 @@ void CheckBundle(const Bundle& bundle, const BundleOptions& options) {
     throw InputError("lens_free needs through_lens");
   }
   CheckLensFlags(bundle.cameras, options.lens_free);
+  for (const PointPrior& prior : options.point_priors) {
+    if (inside(prior.point, points) && options.point_fixed.empty() &&
+        (prior.sigma.array() > 0).all()) {
+      continue;
+    }
+    throw InputError("a stated point must be among the points, none of which is fixed, with " +
+                     std::string("standard deviations above 0"));
+  }
   bool known = options.lens_priors.empty() || options.lens_priors.size() == bundle.cameras.size();
   for (std::size_t c = 0; known && c < options.lens_priors.size(); ++c) {
     const LensPrior& prior = options.lens_priors[c];

@@ -66,6 +66,12 @@ struct TurnPrior {
   double sigma = 1.0;                                      // radians, of each component
 };
 
+// Where a point lies as something other than images states it, in the world.
+struct PointPrior {
+  int point = 0;
+  Eigen::Vector3d mean = Eigen::Vector3d::Zero(), sigma = Eigen::Vector3d::Ones();
+};
+
 struct BundleOptions {
   // False: the residual of Bearing (valid to 180 degrees, no lens in the loop). True: the pixel of
   // the point through the lens minus the pixel seen; where a point has left the lens' domain, the
@@ -94,6 +100,9 @@ struct BundleOptions {
   // Centres are held near stated places (one an image; empty: none; a rig's first image stands for
   // its body). They fix the gauge, which no image then needs to hold.
   std::vector<PlacePrior> place_priors;
+  // Points that are held near stated places, each once. Three of them fix the gauge, which no image
+  // then needs to hold. PoseCovariances leaves them out.
+  std::vector<PointPrior> point_priors;
   // Turns between images that no rig holds, and the standard deviations of their calibration, which
   // is estimated too and not returned. PoseCovariances leaves them out: its result is an upper
   // bound.

@@ -107,6 +107,7 @@ void BundleProblem::MakeSystem() {
     }
   }
   const int num_points = static_cast<int>(state_.points.size()) + AppendTurns(&observations);
+  AppendPointPriors(&observations);
   system_ = std::make_unique<ReducedSystem>(sizes_, num_bodies_, num_points, observations);
   if (calibration_block_ >= 0) {
     system_->PriorWeights(calibration_block_) =
@@ -209,7 +210,7 @@ double BundleProblem::EvaluatePriors() {
     system_->PriorResiduals(block) = system_->PriorWeights(block).cwiseProduct(change);
     cost += 0.5 * system_->PriorResiduals(block).squaredNorm();
   }
-  return cost + EvaluateLensPriors() + EvaluateTurns();
+  return cost + EvaluateLensPriors() + EvaluateTurns() + EvaluatePointPriors();
 }
 
 double BundleProblem::EvaluateLensPriors() {

@@ -54,6 +54,9 @@ class BundleProblem {
   // Adds the observations of turns, after all others; returns their points.
   int AppendTurns(std::vector<ReducedSystem::Dependence>* observations) const;
   double EvaluateTurns();
+  // Adds the observations of stated points, after those of turns.
+  void AppendPointPriors(std::vector<ReducedSystem::Dependence>* observations) const;
+  double EvaluatePointPriors();
   void WriteHalfTurn(int row, const Eigen::Vector3d& residual, double by_point,
                      const std::vector<std::pair<int, Eigen::Matrix3Xd>>& by_blocks);
   // Whether something is known of a camera's lens that is estimated.

@@ -1,4 +1,5 @@
-// What a gyroscope says of a bundle: turns between images, as observations of the reduced system.
+// What a gyroscope and a survey say of a bundle, as observations of the reduced system: turns
+// between images, and places of points.
 #include <cmath>
 
 #include "gsut/geometry/rotation_vector.h"
@@ -78,6 +79,31 @@ void BundleProblem::WriteHalfTurn(int row, const Eigen::Vector3d& residual, doub
       out += 2 * static_cast<std::ptrdiff_t>(size);
     }
   }
+}
+
+// Three components are two observations of two, one of them empty, as for turns.
+void BundleProblem::AppendPointPriors(std::vector<ReducedSystem::Dependence>* observations) const {
+  for (const PointPrior& prior : options_.point_priors) {
+    for (int k = 0; k < 2; ++k) observations->emplace_back().point = prior.point;
+  }
+}
+
+double BundleProblem::EvaluatePointPriors() {
+  double cost = 0.0;
+  int row = static_cast<int>(bundle_.observations.size() + 4 * options_.turn_priors.size());
+  for (const PointPrior& prior : options_.point_priors) {
+    const Eigen::Vector3d weights = options_.noise * prior.sigma.cwiseInverse();
+    const Eigen::Vector3d residual = weights.cwiseProduct(state_.points[prior.point] - prior.mean);
+    cost += 0.5 * residual.squaredNorm();
+    for (int k = 0; k < 4; ++k) {
+      const int i = row + k / 2, r = k % 2;
+      system_->Residual(i)[r] = k < 3 ? residual[k] : 0.0;
+      system_->ByPoint(i).row(r).setZero();
+      if (k < 3) system_->ByPoint(i)(r, k) = weights[k];
+    }
+    row += 2;
+  }
+  return cost;
 }
 
 }  // namespace gsut

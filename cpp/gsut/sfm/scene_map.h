@@ -149,6 +149,10 @@ class SceneMap {
   double ScaleOfSigmas(BundleOptions* options) const;
   void SetLensPriors(BundleOptions* options) const;
   void SetPlacePriors(const std::vector<int>& image_of, BundleOptions* options) const;
+  // Of each stated point the track, -1: none has its feature.
+  std::vector<int> StatedTracks() const;
+  // tracks: of the bundle's points, in order.
+  void SetPointPriors(const std::vector<int>& tracks, BundleOptions* options) const;
   // place: of each image in the bundle, -1: it has none.
   void SetTurnPriors(const std::vector<int>& place, BundleOptions* options) const;
   void SetPriors(const Bundle& bundle, const std::vector<int>& image_of,

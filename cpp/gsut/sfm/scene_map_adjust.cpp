@@ -325,13 +325,14 @@ Structure SceneMap::Result(bool covariances) const {
     BundleOptions options;
     std::vector<int> image_of;
     const Bundle bundle = MakeBundle(nullptr, TracksOf(nullptr), &options, &image_of);
-    // Relative to the first image, as without places.
+    // Relative to the first image, as without places and points that are stated.
     const auto placed = [&](int image) {
       const auto found = std::find(image_of.begin(), image_of.end(), image);
       return found == image_of.end() ? -1 : static_cast<int>(found - image_of.begin());
     };
-    if (!options.place_priors.empty()) {
+    if (!options.place_priors.empty() || !options.point_priors.empty()) {
       options.place_priors.clear();
+      options.point_priors.clear();
       options.gauge_image = placed(gauge_first_);
       options.scale_image = placed(gauge_second_);
     }

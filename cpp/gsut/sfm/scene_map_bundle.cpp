@@ -100,6 +100,7 @@ Bundle SceneMap::MakeBundle(const std::vector<std::uint8_t>* images_free,
   options->loss_scale = loss_pixels_;
   if (rolling()) SetPriors(bundle, *image_of, options);
   if (images_free == nullptr && !options_.places.empty()) SetPlacePriors(*image_of, options);
+  if (images_free == nullptr && !on_rig()) SetPointPriors(tracks, options);
   if (images_free == nullptr && !options_.turns.empty()) SetTurnPriors(place, options);
   if (!options_.lens_priors.empty()) SetLensPriors(options);
   if (images_free != nullptr) {
@@ -152,10 +153,12 @@ std::vector<int> SceneMap::ChooseSpread() const {
     const int cell = place(pixel.y(), camera.height()) * kCells + place(pixel.x(), camera.width());
     return filled[observation.image * kCells * kCells + cell];
   };
+  const std::vector<int> stated = StatedTracks();
   std::vector<int> chosen;
   for (const int t : order) {
     const auto& observations = tracks_[t].observations;
     const bool is_needed =
+        std::find(stated.begin(), stated.end(), t) != stated.end() ||
         std::any_of(observations.begin(), observations.end(), [&](const Observation& observation) {
           return observation.used && cell_of(observation) < kCellTracks;
         });
@@ -169,6 +172,40 @@ std::vector<int> SceneMap::ChooseSpread() const {
   }
   std::sort(chosen.begin(), chosen.end());
   return chosen;
+}
+
+std::vector<int> SceneMap::StatedTracks() const {
+  std::vector<int> found;
+  for (const StatedPoint& point : options_.stated_points) {
+    const std::vector<int>& own = tracks_of_image_[point.seen.image];
+    const auto at = std::find_if(own.begin(), own.end(), [&](int t) {
+      return std::any_of(tracks_[t].observations.begin(), tracks_[t].observations.end(),
+                         [&](const Observation& observation) {
+                           return observation.image == point.seen.image &&
+                                  observation.feature == point.seen.feature;
+                         });
+    });
+    found.push_back(at == own.end() ? -1 : *at);
+  }
+  return found;
+}
+
+// Three points fix the gauge.
+void SceneMap::SetPointPriors(const std::vector<int>& tracks, BundleOptions* options) const {
+  constexpr std::size_t kFewest = 3;
+  const std::vector<int> stated = StatedTracks();
+  std::vector<PointPrior> priors;
+  for (std::size_t i = 0; i < stated.size(); ++i) {
+    const auto at = std::lower_bound(tracks.begin(), tracks.end(), stated[i]);
+    if (at == tracks.end() || *at != stated[i]) continue;
+    const StatedPoint& point = options_.stated_points[i];
+    priors.push_back({static_cast<int>(at - tracks.begin()), point.mean, point.sigma});
+  }
+  if (priors.size() < kFewest) return;
+  options->gauge_image = options->scale_image = -1;
+  const double scale = ScaleOfSigmas(options);
+  for (PointPrior& prior : priors) prior.sigma *= scale;
+  options->point_priors = std::move(priors);
 }
 
 // Points that took no part move with the first image that sees them, then to where all observations

@@ -38,6 +38,12 @@ struct Rig {
 // Of the points that an image sees, those that must agree with its pose.
 inline constexpr double kFewestInlierShare = 0.2;
 
+// A point whose place is known, as a survey states it.
+struct StatedPoint {
+  TrackElement seen;            // one of the features that show it
+  Eigen::Vector3d mean, sigma;  // in the world of the given poses
+};
+
 struct StructureOptions {
   double max_error = 4.0;      // pixels: an observation farther off is an outlier
   double min_angle = 0.026;    // radians (1.5 degrees): smallest angle of a triangulated point
@@ -90,6 +96,9 @@ struct StructureOptions {
   // a body stands for it. Empty: not known.
   std::vector<Eigen::Vector3d> places;
   Eigen::Vector3d place_sigma = Eigen::Vector3d::Ones();
+  // Points whose place is known, for RefineStructure without a rig; fewer than three have no
+  // weight.
+  std::vector<StatedPoint> stated_points;
   // Turns between images as a gyroscope measured them (bundle.h), for RefineStructure without a
   // rig, and the standard deviations of their calibration. Empty: not known.
   std::vector<TurnPrior> turns;

@@ -12,7 +12,8 @@ from gsut.cli._flags import add_json, finite, print_json
 HELP = "distances between points of a scene, by pixels of photographs"
 DESCRIPTION = (
     "Prints where pixels of photographs, and points, lie in the dataset's coordinates and how far "
-    "each is from the one before: in metres where the dataset is metric. Pixels come first."
+    "each is from the one before, with its standard deviation: in metres where the dataset is "
+    "metric. Pixels come first."
 )
 
 
@@ -34,6 +35,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
+    from gsut.sfm import read_scale_sigma
     from gsut.view import find_point_in_photograph, open_stage
 
     pixels = [(name, _number(x), _number(y)) for name, x, y in arguments.pixel]
@@ -42,11 +44,20 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.length is not None and not 0 < arguments.length < np.inf:
         raise InputError(f"--length must be above 0, found {arguments.length}")
     stage = open_stage(arguments.scene, None)
-    points = np.array(
-        [find_point_in_photograph(stage, name, (x, y)) for name, x, y in pixels] + arguments.point
-    )
-    distances = np.linalg.norm(np.diff(points, axis=0), axis=1)
-    figures = {"points": points, "distances": distances, "total": distances.sum()}
+    seen = [find_point_in_photograph(stage, name, (x, y)) for name, x, y in pixels]
+    points = np.array([point for point, _ in seen] + arguments.point)
+    covariances = np.zeros((len(points), 3, 3))  # given points are exact
+    covariances[: len(seen)] = np.reshape([each for _, each in seen], (-1, 3, 3))
+    steps = np.diff(points, axis=0)
+    distances = np.linalg.norm(steps, axis=1)
+    along = steps / np.maximum(distances, np.finfo(float).tiny)[:, None]
+    variances = np.einsum("ni,nij,nj->n", along, covariances[1:] + covariances[:-1], along)
+    scale_sigma = None if stage.scene is None else read_scale_sigma(stage.scene.path)
+    sigmas = np.sqrt(variances + ((scale_sigma or 0.0) * distances) ** 2)
+    figures = {
+        "points": points, "distances": distances, "sigmas": sigmas, "total": distances.sum(),
+        "scale_sigma_percent": None if scale_sigma is None else 100 * scale_sigma,
+    }  # fmt: skip
     if arguments.length is not None:
         if not distances[0] > 0:
             raise InputError("the first two points are one; --length needs two")
@@ -55,10 +66,15 @@ def run(arguments: argparse.Namespace) -> int:
         print_json(figures)
         return 0
     for number, point in enumerate(points):
-        step = f", {distances[number - 1]:.6g} from the one before" if number else ""
+        step = ""
+        if number:
+            length, sigma = distances[number - 1], sigmas[number - 1]
+            step = f", {length:.6g} from the one before (+- {sigma:.2g}, one sigma)"
         print(f"({', '.join(f'{value:.6g}' for value in point)}){step}")
     if len(points) > 2:
         print(f"{figures['total']:.6g} in all")
+    if scale_sigma is not None:
+        print(f"the scale is known to {100 * scale_sigma:.2g} %, which is included")
     if "scale" in figures:
         print(f"for this length: gsut edit {arguments.scene} --scale {figures['scale']:.6g} -o OUT")
     return 0

@@ -85,6 +85,8 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError("--unknown-lens contradicts --camera; give one of them")
     if options.refine_rig and not arguments.rig:
         raise InputError("--refine-rig needs a rig; give its file by --rig")
+    if arguments.photometric and (options.marker or options.control):
+        raise InputError("--photometric contradicts --marker and --control: leave one out")
     if arguments.photometric and arguments.rig:
         raise InputError("--photometric contradicts --rig: leave one out")
     if arguments.photometric and options.unknown_lens:
@@ -173,8 +175,21 @@ def print_poses(figures: dict[str, Any], out: Path, is_new: bool) -> None:
     for lens in figures["lenses"] if figures["lens"] == "estimated" else []:
         values = " ".join(f"{value:.6g}" for value in lens["params"])
         print(f"lens found: {lens['model']} {values}")
+    print_known_points(figures)
     print(Verdict.from_dict(figures["verdict"]))
     print(f"report: {out / 'report.html'}")
+
+
+def print_known_points(figures: dict[str, Any]) -> None:
+    """Prints what is left at each marker and control point."""
+    markers = figures.get("markers", {})
+    for row in markers.get("found", []):
+        edge = f"edge {row['edge']:.5g} m of {markers['edge']:g}, " if markers["applied"] else ""
+        print(f"marker {row['id']}: in {row['views']} images, {edge}{row['residual_px']:.2f} px")
+    for row in figures.get("control", {}).get("points", []):
+        off = " ".join(f"{value:+.4f}" for value in row["residual"])
+        pixels = "" if row["residual_px"] is None else f", {row['residual_px']:.2f} px"
+        print(f"{row['use']} point {row['name']}: in {row['pictures']} images, {off} m{pixels}")
 
 
 def describe_rig(rig: dict[str, Any]) -> str:

@@ -158,8 +158,7 @@ class Confidence:
         expected = self.expect_differences(result)
         seen = np.isfinite(expected)
         covered = np.where(seen, result.alpha, np.nan)
-        spread = np.sqrt(result.distortion / covered)
-        depth = np.hypot(_PER_SPREAD * spread, _PER_DISTANCE * result.depth / covered)
+        depth = self.find_depth_sigma(result.distortion, result.depth, covered)
         views = result.features[..., 2] / np.where(seen, result.features[..., 0], 1.0)
         maps = {
             "color_sigma": self.factors[_SIGMA] * expected,
@@ -169,6 +168,15 @@ class Confidence:
         return dataclasses.replace(
             result, **{name: values.astype(np.float32) for name, values in maps.items()}
         )
+
+    @staticmethod
+    def find_depth_sigma(distortion: Any, depth: Any, alpha: Any) -> Any:
+        """Computes the standard deviation of distances along rays by how widely they spread.
+
+        Args:
+            distortion, depth, alpha: (H, W) or of a pixel, see `Rendered`.
+        """
+        return np.hypot(_PER_SPREAD * np.sqrt(distortion / alpha), _PER_DISTANCE * depth / alpha)
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes a .npz file."""

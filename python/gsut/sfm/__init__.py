@@ -9,7 +9,7 @@ from gsut.sfm.pipeline import (
     run_mapping,
     start_mapping,
 )
-from gsut.sfm.report import is_finished
+from gsut.sfm.report import is_finished, read_scale_sigma
 from gsut.sfm.world import (
     PoseErrors,
     compare_datasets,
@@ -32,6 +32,7 @@ __all__ = [
     "is_finished",
     "read_finished",
     "read_positions",
+    "read_scale_sigma",
     "run_mapping",
     "start_mapping",
 ]

@@ -67,7 +67,13 @@ from gsut.sfm.solution import (
     solve_poses,
 )
 from gsut.sfm.starts import compare_halves, register_left_out, try_other_starts
-from gsut.sfm.world import add_markers, place_on_earth, scale_by_markers
+from gsut.sfm.world import (
+    add_markers,
+    find_control,
+    place_by_control,
+    place_by_markers,
+    place_on_earth,
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -179,7 +185,8 @@ def _map(mapping: Mapping) -> Mapping:
     mapping = find_rig_shutter(mapping)  # solution
     mapping = compare_halves(mapping)  # findings alone
     mapping = place_on_earth(mapping, adjust_rig_near_places)  # solution
-    mapping = scale_by_markers(mapping)  # solution
+    mapping = place_by_control(mapping)  # solution, features
+    mapping = place_by_markers(mapping)  # solution
     agreement = measure_agreement(mapping.solved, mapping.pairs)
     return mapping.add_findings(agreement=agreement.share, contradicted=agreement.contradicted)
 
@@ -224,6 +231,8 @@ def start_mapping(
     else:
         lens = None if camera is None else Path(camera)
         photographs = find_photographs(Path(images), lens, with_lens=not options.unknown_lens)
+    if options.control is not None:
+        find_control(options.control, photographs.names)
     require_central(lens for lens in photographs.cameras if lens is not None)
     rig = camera if isinstance(camera, Rig) else None
     shutter, lines = photographs.shutter, None
@@ -262,7 +271,7 @@ def _make_key(mapping: Mapping, out: Path) -> dict[str, Any]:
 
     different = list(dict.fromkeys(mask for mask in photographs.masks if mask is not None))
     states = dict(zip(different, describe(different), strict=True))
-    frames = photographs.frames
+    frames, control = photographs.frames, mapping.options.control
     return {
         "version": _core.__version__,
         "files": describe(photographs.paths),
@@ -271,6 +280,7 @@ def _make_key(mapping: Mapping, out: Path) -> dict[str, Any]:
         "shutter": photographs.shutter.direction if photographs.shutter else None,
         "options": dataclasses.asdict(mapping.options),
         "profile": photographs.profile.name if photographs.profile else None,
+        **({} if control is None else {"control": describe([Path(control)])}),
         **({} if frames is None else {"frames": frames.tolist()}),
     }
 

@@ -7,11 +7,13 @@ from typing import Any
 import numpy as np
 
 from gsut._core import CameraMotion, InputError
-from gsut.render import render
+from gsut.render import Confidence, render
 from gsut.view.stage import Stage
 
 # Alpha above which a pixel shows something.
 SEEN = 0.5
+# Standard deviation of a coordinate of a pixel that a person points at, in pixels.
+_POINTING = 0.5
 
 
 def find_pose_of_pixel(place: Any, camera: Any, pixel: np.ndarray) -> np.ndarray:
@@ -51,8 +53,13 @@ def find_point_at(
     return pose[:3, :3].T @ (in_camera - pose[:3, 3])
 
 
-def find_point_in_photograph(stage: Stage, name: str, pixel: tuple[float, float]) -> np.ndarray:
+def find_point_in_photograph(
+    stage: Stage, name: str, pixel: tuple[float, float]
+) -> tuple[np.ndarray, np.ndarray]:
     """Finds the point (3,) that a photograph's pixel sees, in the dataset's coordinates.
+
+    The covariance (3, 3) that is returned beside it is that of the rendered distance and of
+    pointing; it leaves out errors of the pose.
 
     Args:
         stage: with photographs.
@@ -81,4 +88,11 @@ def find_point_in_photograph(stage: Stage, name: str, pixel: tuple[float, float]
         point = find_point_at(view.motion, camera, at, seen.alpha, seen.depth)
     if point is None:
         raise InputError(f"{name}: nothing is seen at pixel {pixel[0]:g}, {pixel[1]:g}")
-    return point + scene.world_offset
+    row, column = (int(np.clip(value, 0, side - 1)) for value, side in
+                   zip(at[::-1], (camera.height, camera.width), strict=True))  # fmt: skip
+    alpha, depth = float(seen.alpha[row, column]), float(seen.depth[row, column])
+    along = float(Confidence.find_depth_sigma(float(seen.distortion[row, column]), depth, alpha))
+    pose = find_pose_of_pixel(view.motion, camera, at)
+    rays = camera.unproject(at + _POINTING * np.array([[0, 0], [1, 0], [0, 1]]))[0] @ pose[:3, :3]
+    steps = np.stack([along * rays[0], *(depth / alpha * (rays[1:] - rays[0]))])
+    return point + scene.world_offset, steps.T @ steps

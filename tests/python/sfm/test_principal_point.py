@@ -11,7 +11,7 @@ from gsut.lens import Camera
 from gsut.sfm.lens import free_center, judge_lens
 from gsut.sfm.lens.covariance import estimate_lens_covariances
 from gsut.sfm.mapping import PosesLog
-from gsut.sfm.solution import CENTER, CENTER_SIGMA, FEATURE_VARIANCE, Adjustment, adjust_registered
+from gsut.sfm.solution import CENTER, FEATURE_VARIANCE, Adjustment, adjust_registered
 from made_flight import FREE, LENS, fly_again
 
 WIDER = 60  # pixels that the picture reaches farther to the right: its middle moves by half of it
@@ -27,7 +27,7 @@ def widen(run):
     return dataclasses.replace(run.solved, cameras=[start] * len(run.solved.cameras))
 
 
-def find_center(run, sigma=CENTER_SIGMA, flags=CENTER_FREE):
+def find_center(run, sigma=Adjustment.center_sigma, flags=CENTER_FREE):
     """Estimates a flight's lens from the middle of a wider picture: error and sigma, pixels."""
     found = adjust_registered(
         widen(run), run.features, run.pairs, run.options,
@@ -50,7 +50,7 @@ def test_center_is_found_where_turns_determine_it():
 def test_center_that_images_leave_open_stays_at_the_middle_with_the_priors_sigma():
     run = fly_again(1, relief=0.02)
     error, sigma = find_center(run)
-    width = CENTER_SIGMA * math.hypot(LENS.width + WIDER, LENS.height)
+    width = Adjustment.center_sigma * math.hypot(LENS.width + WIDER, LENS.height)
     assert np.abs(error - [WIDER / 2, 0]).max() < tolerances.CENTER_SIGMAS * width
     assert sigma == pytest.approx([width, width], rel=tolerances.CENTER_OPEN)
     held, _ = find_center(run, 1e-9)

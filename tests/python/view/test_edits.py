@@ -128,6 +128,8 @@ def test_measure_by_pixels_of_photographs_and_points(
     np.testing.assert_allclose(found["points"], [picked, [1, 2, 3]], atol=PICKED_POINT)
     distance = np.linalg.norm(picked - [1, 2, 3])
     assert found["distances"] == pytest.approx([distance])
+    assert found["scale_sigma_percent"] is None  # the dataset does not say
+    assert 0.005 * truth.depth[row, column] < found["sigmas"][0] < distance
     assert found["scale"] == pytest.approx(5 / distance)
 
 
@@ -144,7 +146,7 @@ def test_measure_knows_when_a_rolling_shutter_read_the_pixel(scene, gaussians):
     row, column = np.unravel_index(np.argmax(truth.alpha[:8]), truth.alpha[:8].shape)
     assert truth.alpha[row, column] > 0.5
     pixel = (column + 0.5, row + 0.5)
-    found = find_point_in_photograph(Stage("a", "run", gaussians, moving), "images/0.png", pixel)
+    found, _ = find_point_in_photograph(Stage("a", "run", gaussians, moving), "images/0.png", pixel)
     pose = rolling.motion.at((row + 0.5) / 32)
     in_camera = pose[:3, :3] @ (found - moving.world_offset) + pose[:3, 3]
     ray = scene.cameras[0].unproject(np.array([pixel]))[0][0]

@@ -17,7 +17,6 @@ from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import PairMatches, keep_most_distinct
 from gsut.sfm.solution import (
     CENTER,
-    CENTER_SIGMA,
     Adjustment,
     Solution,
     adjust_registered,
@@ -82,7 +81,7 @@ def _adjust(
 def _measure_off(lens: Camera) -> tuple[np.ndarray, float]:
     """Measures (2,) pixels from the picture's middle to the principal point, and their prior."""
     off = lens.params[list(CENTER)] - [lens.width / 2, lens.height / 2]
-    return off, CENTER_SIGMA * math.hypot(lens.width, lens.height)
+    return off, Adjustment.center_sigma * math.hypot(lens.width, lens.height)
 
 
 def describe_center(mapping: Mapping, lens: Camera, known: LensCovariance | None) -> Mapping:

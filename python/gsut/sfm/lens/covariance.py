@@ -12,7 +12,7 @@ from gsut._core import SolveError
 from gsut.data.poses import find_centers
 from gsut.lens import Camera
 from gsut.sfm.lens.information import WeightedObservations, differentiate_by_turn, invert_scaled
-from gsut.sfm.solution import CENTER, CENTER_SIGMA, LensFlags, Solution, StatedTurns
+from gsut.sfm.solution import CENTER, Adjustment, LensFlags, Solution, StatedTurns
 
 # Standard deviations of an image's shift, over the extent of the cameras, and of its turn in
 # radians during a readout: as in the adjustment.
@@ -78,7 +78,7 @@ def estimate_lens_covariances(
     solution: Solution,
     free: LensFlags,
     feature_variance: float = 1.0,
-    center_sigma: float = CENTER_SIGMA,
+    center_sigma: float = Adjustment.center_sigma,
     turns: StatedTurns | None = None,
 ) -> list[LensCovariance]:
     """Estimates the covariance of each estimated lens; poses and points are free too.

@@ -26,7 +26,7 @@ class PosesOptions:
 
     FLAGS: ClassVar[tuple[str, ...]] = (
         *("unknown_lens", "fov", "refine_rig", "pairs", "shutter", "readout_time"),
-        *("keep_all_pixels", "marker", "seed", "threads"),
+        *("keep_all_pixels", "marker", "control", "seed", "threads"),
     )
 
     # fmt: off
@@ -79,6 +79,12 @@ class PosesOptions:
     marker: float | None = define_option(
         None, "Scale", "edge of the ArUco or AprilTag markers in the pictures; gives metres",
         unit="m", low=0.0, high=100.0, low_open=True, none="markers are not sought",
+    )
+    control: str | None = define_option(
+        None, "Scale", "CSV file of surveyed points and where photographs show them: name,use,x,y,"
+        "z,sigma,picture,u,v, a line a pixel; use is control or check; x east, y north, z up, in "
+        "metres",
+        none="none are known",
     )
     threads: int = define_option(0, "Run", "threads; 0 = all processors", low=0, high=4096)
     seed: int = define_option(0, "Run", "seed of every random number", low=0, high=2**63 - 1)

@@ -247,6 +247,23 @@ def read_figures(out: Path) -> dict[str, Any]:
     return read_json(path, _SHAPE, advice=advice)
 
 
+def read_scale_sigma(folder: Path) -> float | None:
+    """Reads how well poses.json of a dataset knows its unit, relative; None: it does not say."""
+    if not (folder / FIGURES).is_file():
+        return None
+    figures = read_figures(folder)
+    gps = figures.get("earth", {}).get("gps", {})
+    markers = figures.get("markers", {})
+    percent = figures.get("control", {}).get("scale_sigma_percent")
+    if percent is None and gps.get("applied"):
+        percent = gps["scale_sigma_percent"]
+    if percent is None and markers.get("applied"):
+        percent = markers["sigma_percent"]
+    if percent is None:
+        percent = figures.get("rig", {}).get("scale_sigma_percent")
+    return None if percent is None else percent / 100
+
+
 def is_finished(out: Path) -> bool:
     """Returns whether a folder holds the result of a finished run."""
     return (out / FIGURES).is_file() and (out / TRANSFORMS).is_file() and (out / REPORT).is_file()

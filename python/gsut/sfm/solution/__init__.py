@@ -2,7 +2,6 @@
 
 from gsut.sfm.solution.adjustment import (
     CENTER,
-    CENTER_SIGMA,
     LOSS_SCALE,
     MIN_INLIERS,
     Adjustment,
@@ -10,6 +9,7 @@ from gsut.sfm.solution.adjustment import (
     ReadoutMotion,
     RigConstraint,
     StatedPlaces,
+    StatedPoints,
     StatedTurns,
     index_lenses,
 )
@@ -37,7 +37,6 @@ from gsut.sfm.solution.solver import (
 
 __all__ = [
     "CENTER",
-    "CENTER_SIGMA",
     "FEATURE_VARIANCE",
     "LOSS_SCALE",
     "MIN_ANGLE_DEGREES",
@@ -50,6 +49,7 @@ __all__ = [
     "RigConstraint",
     "Solution",
     "StatedPlaces",
+    "StatedPoints",
     "StatedTurns",
     "adjust_poses",
     "adjust_registered",

@@ -101,6 +101,33 @@ class StatedPlaces:
 
 
 @dataclasses.dataclass(frozen=True)
+class StatedPoints:
+    """Where points lie, as a survey states it.
+
+    Args:
+        seen: (M, 2) an image that shows each point, and the feature there.
+        places: (M, 3) in the world of the poses.
+        sigma: (M, 3) standard deviation of a coordinate.
+    """
+
+    seen: np.ndarray
+    places: np.ndarray
+    sigma: np.ndarray
+
+    def to_settings(self) -> dict[str, Any]:
+        """Returns the settings that the solver takes; see `StatedTurns.to_settings`."""
+        sigma = self.sigma / math.sqrt(FEATURE_VARIANCE)
+        return {"points": np.hstack([self.seen, self.places, sigma]).tolist()}
+
+    def select(self, chosen: np.ndarray) -> StatedPoints:
+        """Returns those that chosen images (M,) show, numbered as they are."""
+        own = np.isin(self.seen[:, 0], chosen)
+        seen = self.seen[own].copy()
+        seen[:, 0] = np.searchsorted(chosen, seen[:, 0])
+        return StatedPoints(seen, self.places[own], self.sigma[own])
+
+
+@dataclasses.dataclass(frozen=True)
 class StatedTurns:
     """How cameras are turned against each other, as a gyroscope states it.
 
@@ -167,6 +194,8 @@ class Adjustment:
         motion: of `adjust_poses`: images are read line by line.
         extend: of `adjust_poses`: look at the end for points in images that do not see them yet.
         places: of `adjust_poses`: where cameras stood, in the world of the poses, or None.
+        points: of `adjust_poses` without a rig: where points lie, in the world of the poses, or
+            None.
         turns: of `adjust_poses` without a rig: how cameras are turned against each other, or None.
         center_sigma: standard deviation of a coordinate of a free principal point from the middle
             of its picture, over the diagonal; infinite: nothing is known of it beforehand.
@@ -182,6 +211,7 @@ class Adjustment:
     motion: ReadoutMotion | None = None
     extend: bool = False
     places: StatedPlaces | None = None
+    points: StatedPoints | None = None
     turns: StatedTurns | None = None
     center_sigma: float = CENTER_SIGMA
     min_inliers: int = MIN_INLIERS

@@ -112,6 +112,8 @@ def adjust_poses(
             settings |= images.lines.to_settings()
     if adjustment.places is not None:
         settings.update(adjustment.places.to_settings())
+    if adjustment.points is not None:
+        settings.update(adjustment.points.to_settings())
     if adjustment.turns is not None:
         settings.update(adjustment.turns.to_settings())
     is_extended = adjustment.extend or (motion is not None and motion.extend)
@@ -164,6 +166,8 @@ def adjust_registered(
     if adjustment.places is not None:
         places = dataclasses.replace(adjustment.places, centers=adjustment.places.centers[chosen])
         adjustment = dataclasses.replace(adjustment, places=places)
+    if adjustment.points is not None:
+        adjustment = dataclasses.replace(adjustment, points=adjustment.points.select(chosen))
     if adjustment.turns is not None:
         adjustment = dataclasses.replace(adjustment, turns=adjustment.turns.select(chosen))
     poses = [solution.camera_from_world[i] for i in chosen]

@@ -6,8 +6,10 @@ from gsut.sfm.world.comparison import (
     compare_poses,
     read_poses_by_path,
 )
+from gsut.sfm.world.control import place_by_control
+from gsut.sfm.world.control_file import find_control
 from gsut.sfm.world.earth import find_stated_up, place_on_earth
-from gsut.sfm.world.markers import add_markers, scale_by_markers
+from gsut.sfm.world.markers import add_markers, place_by_markers
 from gsut.sfm.world.positions import PositionFit, fit_positions, read_positions
 
 __all__ = [
@@ -16,10 +18,12 @@ __all__ = [
     "add_markers",
     "compare_datasets",
     "compare_poses",
+    "find_control",
     "find_stated_up",
     "fit_positions",
+    "place_by_control",
+    "place_by_markers",
     "place_on_earth",
     "read_poses_by_path",
     "read_positions",
-    "scale_by_markers",
 ]

@@ -1,4 +1,4 @@
-"""Square markers of a known size: their corners are features, and their edges give metres.
+"""Square markers of a known size: their corners are features that give metres and the ground.
 
 A corner has the same descriptor in every photograph, so that corners are matched, verified and
 adjusted as all other features are; a wrong or moved marker is rejected as a wrong match is.
@@ -7,6 +7,7 @@ adjusted as all other features are; a wrong or moved marker is rejected as a wro
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
@@ -21,7 +22,7 @@ from gsut.data.images import decode_image
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.photographs import DESCRIPTOR_LENGTH, Features
 from gsut.sfm.solution import Solution
-from gsut.sfm.world.earth import Earth, move_to_earth
+from gsut.sfm.world.earth import Earth, find_stated_up, move_to_earth
 
 CORNERS = 4
 # From those with the most bits, which the fewest patterns of a scene imitate.
@@ -35,6 +36,10 @@ _EDGES = np.array([(0, 1), (1, 2), (2, 3), (3, 0), (0, 2), (1, 3)])  # two of th
 _LENGTHS = np.array([1.0, 1.0, 1.0, 1.0, np.sqrt(2.0), np.sqrt(2.0)])  # in edges
 # Spread of a marker's lengths over their mean above which it is no square.
 _NO_SQUARE = 0.05
+# Distance of corners from one plane, over their extent, below which markers lie on the ground, and
+# the largest angle of its normal to up by the cameras, which is that of `gsut edit --ground`.
+_FLAT = 0.01
+_MOST_SLOPE = math.radians(30.0)
 # How far beside an edge of a marker its black border is sought: within the outermost of at most
 # nine cells, and in pixels.
 _REACH = 1 / 16
@@ -59,6 +64,8 @@ def add_markers(mapping: Mapping) -> Mapping:
     readable = [i for i, features in enumerate(mapping.features) if len(features)]
     step = max(1, len(readable) // _SAMPLES)
     found = _find_in_all(mapping, readable[::step], _DICTIONARIES)
+    if not any(len(_list_shared(seen)) for seen in found):
+        found = _find_in_all(mapping, readable, _DICTIONARIES)
     best = int(np.argmax([len(_list_shared(seen)) for seen in found]))
     (seen,) = _find_in_all(mapping, readable, _DICTIONARIES[best : best + 1])
     shared = _list_shared(seen)
@@ -83,15 +90,16 @@ def add_markers(mapping: Mapping) -> Mapping:
     return mapping.replace(features=features, photographs=photographs)
 
 
-def scale_by_markers(mapping: Mapping) -> Mapping:
-    """Gives a solution the scale of its markers' edges, where they agree.
+def place_by_markers(mapping: Mapping) -> Mapping:
+    """Gives a solution the scale of its markers' edges, and makes y = 0 the ground they lie on.
 
     Args:
         mapping: with a solution, of features that `add_markers` returned.
 
     Returns:
-        The run in metres, with "markers" of the figures: "edge", "applied", "scale",
-        "sigma_percent" and each marker's "id", "views", "edge" as measured and "residual_px".
+        The run in metres, with "markers" of the figures: "edge", "applied", "scale", "frame" (the
+        marker whose middle is the origin, or None; see `_find_ground`), "sigma_percent" and each
+        marker's "id", "views", "edge" as measured, "residual_px" and "corners" in the world.
     """
     edge, ids = mapping.options.marker, mapping.photographs.markers
     if edge is None or ids is None:
@@ -111,24 +119,59 @@ def scale_by_markers(mapping: Mapping) -> Mapping:
     scale = edge / float(np.exp(np.average(np.log(edges), weights=1 / np.maximum(spreads, 1e-6))))
     sigma = float(max(between, np.min(spreads)))
     figures |= {"scale": scale, "sigma_percent": 100 * sigma}
-    gps = mapping.found.figures.get("earth", {}).get("gps", {})
-    if gps.get("applied"):
+    earth = mapping.found.figures.get("earth", {})
+    known = "control points" if "control" in mapping.found.figures else "GPS"
+    if known != "GPS" or earth.get("gps", {}).get("applied"):
         mapping.log.note(
-            f"metres are those of GPS: by the markers lengths are {scale:.4f} times as long "
+            f"metres are those of {known}: by the markers lengths are {scale:.4f} times as long "
             f"(+- {100 * sigma:.2g} %)"
         )
         return mapping.add_findings({"markers": figures})
     mapping.log.note(
         f"{len(squares)} marker(s) of {edge:g} m give metres, to about {200 * sigma:.2g} %"
     )
-    moved = move_to_earth(mapping.solved, Earth(scale, np.eye(3), np.zeros(3), {}, ()))
-    fit = mapping.found.rig
-    figures["applied"] = True
+    ground = None if find_stated_up(mapping.found.figures) is None else _find_ground(squares)
+    rotation, origin = (np.eye(3), np.zeros(3)) if ground is None else ground
+    moved = move_to_earth(
+        mapping.solved, Earth(scale, rotation, -scale * rotation @ origin, {}, ())
+    )
+    figures |= {"applied": True, "frame": None if ground is None else squares[0]["id"]}
+    if ground is not None:
+        mapping.log.note(
+            f"the markers lie on the ground: y = 0 there, and marker {squares[0]['id']} is the "
+            "origin, x to its right and z to its top"
+        )
     for row in rows:
         row["edge"] *= scale
+        row["corners"] = (scale * (np.array(row["corners"]) - origin) @ rotation.T).tolist()
+    fit = mapping.found.rig
     return mapping.replace(solution=moved).add_findings(
         {"markers": figures}, rig=None if fit is None else fit.rescale(scale)
     )
+
+
+def _find_ground(rows: Sequence[dict[str, Any]]) -> tuple[np.ndarray, np.ndarray] | None:
+    """Finds the ground that markers lie on, and the frame of the first of them.
+
+    Args:
+        rows: of `measure_markers`, in a world whose y points down.
+
+    Returns:
+        World-from-solution rotation (3, 3), y down along the plane's normal, z from the first
+        marker's bottom to its top, and its middle (3,). None: the markers lie in several planes, or
+        in one that is steep, such as a wall.
+    """
+    corners = np.array([row["corners"] for row in rows])
+    points = corners.reshape(-1, 3)
+    _, extents, axes = np.linalg.svd(points - points.mean(axis=0))
+    down = axes[2] * np.sign(axes[2, 1])
+    if extents[2] > _FLAT * extents[0] or not down[1] > math.cos(_MOST_SLOPE):
+        return None
+    # Corners run from the top left one, clockwise as seen from above.
+    top = corners[0, :2].sum(axis=0) - corners[0, 2:].sum(axis=0)
+    ahead = top - (top @ down) * down
+    ahead /= np.linalg.norm(ahead)
+    return np.stack([np.cross(down, ahead), down, ahead]), corners[0].mean(axis=0)
 
 
 def measure_markers(solution: Solution, ids: Sequence[np.ndarray]) -> list[dict[str, Any]]:
@@ -139,8 +182,8 @@ def measure_markers(solution: Solution, ids: Sequence[np.ndarray]) -> list[dict[
 
     Returns:
         A row each: "id", "views", "edge" (mean, in units of the solution), "spread" (standard
-        deviation of its four edges and two diagonals, over their mean) and "residual_px" (root mean
-        square over its corners).
+        deviation of its four edges and two diagonals, over their mean), "residual_px" (root mean
+        square over its corners) and "corners" (4, 3).
     """
     point, image, feature = solution.observations.T
     own = np.array([CORNERS * len(each) for each in ids])
@@ -166,6 +209,7 @@ def measure_markers(solution: Solution, ids: Sequence[np.ndarray]) -> list[dict[
                 "edge": float(lengths.mean()),
                 "spread": float(lengths.std() / lengths.mean()),
                 "residual_px": float(np.sqrt((residuals**2).sum(axis=1).mean())),
+                "corners": at.tolist(),
             }
         )
     return found

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -63,8 +64,18 @@ def adjust_near_places(mapping: Mapping, places: np.ndarray, adjust_rig: Adjust)
         np.where(known[:, None], places, np.nan), sigma * np.array([1.0, _VERTICAL, 1.0])
     )
     before = np.abs(off[known] / stated.sigma)
-    adjust = _adjust_images if mapping.found.rig is None else adjust_rig
-    held = _adjust(mapping, solution, stated, adjust)
+
+    def adjust(flags: LensFlags) -> Solution:
+        if mapping.found.rig is not None:
+            return adjust_rig(mapping, solution, stated, flags)
+        return adjust_images(mapping, solution, flags, places=stated)
+
+    held = try_adjustment(mapping, solution, adjust)
+    if held is not None:
+        after = find_centers(held.camera_from_world) - places
+        own = held.registered & known
+        far = np.abs(after[own] / stated.sigma).max(axis=1)
+        held = held if float(np.median(far)) <= _AGREE else None
     gps = {**earth["gps"], "sigma_m": sigma, "in_adjustment": held is not None}
     mapping = mapping.add_findings({"earth": {**earth, "gps": gps}})
     if held is None:
@@ -74,19 +85,26 @@ def adjust_near_places(mapping: Mapping, places: np.ndarray, adjust_rig: Adjust)
             "its altitudes are wrong, or the lens is"
         )
         return mapping
-    after = np.abs((find_centers(held.camera_from_world) - places)[known][:, 1])
+    heights = float(np.median(np.abs(after[known][:, 1])))
     mapping.log.note(
         f"the places of GPS took part in the adjustment (to {sigma:.1f} m along the ground, "
-        f"{_VERTICAL * sigma:.1f} m in height): heights are off by {float(np.median(after)):.2f} m "
+        f"{_VERTICAL * sigma:.1f} m in height): heights are off by {heights:.2f} m "
         f"(median), before by {float(np.median(before[:, 1]) * stated.sigma[1]):.2f} m"
     )
     return mapping.replace(solution=held)
 
 
-def _adjust_images(
-    mapping: Mapping, solution: Solution, stated: StatedPlaces, lens_free: LensFlags
+def adjust_images(
+    mapping: Mapping, solution: Solution, lens_free: LensFlags, **stated: Any
 ) -> Solution:
-    """Adjusts images that have a pose each, and move during their readouts as before."""
+    """Adjusts images that have a pose each, and move during their readouts as before.
+
+    Args:
+        stated: `places` or `points`, see `Adjustment`.
+
+    Raises:
+        SolveError: too few points agree with the poses.
+    """
     motion = None
     if solution.shutter is not None and solution.velocities is not None:
         readouts = np.ones(len(solution.names))
@@ -97,29 +115,30 @@ def _adjust_images(
     return adjust_registered(
         solution, mapping.features, mapping.pairs, mapping.options,
         mapping.log.follow_steps("mapping"),
-        Adjustment(lens_free, extend=True, motion=motion, places=stated, turns=mapping.turns),
+        Adjustment(lens_free, extend=True, motion=motion, turns=mapping.turns, **stated),
     )  # fmt: skip
 
 
-def _adjust(
-    mapping: Mapping, solution: Solution, stated: StatedPlaces, adjust: Adjust
+def try_adjustment(
+    mapping: Mapping, solution: Solution, adjust: Callable[[LensFlags], Solution]
 ) -> Solution | None:
-    """Adjusts near places; None where that fails or the images contradict it."""
+    """Adjusts near what is stated; None where that fails or the images contradict it.
+
+    Args:
+        adjust: takes the flags of lenses.
+    """
     flags = mapping.lens_free
     prior = mapping.found.figures.get("focal_prior")
     if isinstance(flags, np.ndarray) and prior is not None and prior["used"]:
         flags = flags.copy()
         flags[find_focal_params(solution.cameras[0])] = 0
     try:
-        held = adjust(mapping, solution, stated, flags)
+        held = adjust(flags)
     except SolveError:
         return None
-    known = held.registered & np.isfinite(stated.centers).all(axis=1)
-    off = (find_centers(held.camera_from_world) - stated.centers)[known] / stated.sigma
     agrees = (
         held.num_registered == solution.num_registered
         and len(held.points) >= _KEPT * len(solution.points)
         and held.median <= _MOST_WORSE * solution.median
-        and float(np.median(np.abs(off).max(axis=1))) <= _AGREE
     )
     return held if agrees else None

@@ -20,7 +20,7 @@ _METRIC = ("x", "y", "z")  # columns in metres
 _EARTH_RADIUS = 6378137.0  # metres, semi-major axis of WGS 84
 _ECCENTRICITY_2 = 6.69437999014e-3  # squared, of WGS 84
 # From east, north, up to the axes of a scene: x right, y down, z ahead.
-_SCENE_FROM_EAST_NORTH_UP = np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]])
+SCENE_FROM_EAST_NORTH_UP = np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]])
 _FEWEST_PREDICTED = 5  # positions: a similarity fits three, and nearly four, whatever they are
 _ON_A_LINE = 1e-3  # second over first spread of cameras on a line, which leave up open
 
@@ -117,7 +117,7 @@ def fit_positions(
         )
     cameras = np.stack([pose for pose, _ in pairs])
     centers = find_centers(cameras)
-    places = np.stack([place for _, place in pairs]) @ _SCENE_FROM_EAST_NORTH_UP.T
+    places = np.stack([place for _, place in pairs]) @ SCENE_FROM_EAST_NORTH_UP.T
     for points in (centers, places):
         spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
         if not spread[1] > _ON_A_LINE * spread[0]:
