@@ -196,6 +196,26 @@ void ReadTurns(SettingsReader* settings, std::size_t images, StructureOptions* o
   }
 }
 
+// Where a survey says that points lie: image and feature, place, standard deviations.
+void ReadStatedPoints(SettingsReader* settings, const std::vector<ImageFeatures>& images,
+                      StructureOptions* options) {
+  std::vector<std::array<double, 8>> points;
+  settings->Read("points", &points);
+  for (const std::array<double, 8>& row : points) {
+    const auto count = static_cast<double>(images.size());
+    if (!(row[0] >= 0 && row[0] < count)) {
+      throw InputError("points names an image that is not there");
+    }
+    const auto image = static_cast<int>(row[0]);
+    if (!(row[1] >= 0 && row[1] < static_cast<double>(images[image].pixels.size()))) {
+      throw InputError("points names a feature that is not there");
+    }
+    options->stated_points.push_back({{image, static_cast<int>(row[1])},
+                                      Eigen::Map<const Eigen::Vector3d>(&row[2]),
+                                      Eigen::Map<const Eigen::Vector3d>(&row[5])});
+  }
+}
+
 // cameras: lenses; camera_of_image: which of them took each image; pixels: (F, 2) an image;
 // settings: StructureOptions by name. descriptors, if given, let tracks grow into images that no
 // match reaches; they are not copied.
@@ -231,7 +251,6 @@ Inputs ReadInputs(const std::vector<const Camera*>& cameras,
   std::vector<std::array<double, 6>> rates;
   std::vector<std::array<double, 3>> places;
   std::array<double, 3> place_sigma = {1.0, 1.0, 1.0};
-  std::vector<std::array<double, 8>> points;
   SettingsReader settings(values, "estimate_poses");
   settings.Read("max_error", &options.max_error);
   settings.Read("min_angle", &options.min_angle);
@@ -259,7 +278,7 @@ Inputs ReadInputs(const std::vector<const Camera*>& cameras,
   settings.Read("rate_sigma", &options.rate_sigma);
   settings.Read("places", &places);
   settings.Read("place_sigma", &place_sigma);
-  settings.Read("points", &points);
+  ReadStatedPoints(&settings, inputs.images, &options);
   ReadTurns(&settings, inputs.images.size(), &options);
   settings.CheckAllRead({"descriptors"});
   // Names and arrays that are no plain fields of the options are converted here.
@@ -281,16 +300,6 @@ Inputs ReadInputs(const std::vector<const Camera*>& cameras,
     options.places.emplace_back(Eigen::Map<const Eigen::Vector3d>(place.data()));
   }
   options.place_sigma = Eigen::Map<const Eigen::Vector3d>(place_sigma.data());
-  // Image and feature, place, standard deviations.
-  for (const std::array<double, 8>& row : points) {
-    const auto images = static_cast<double>(inputs.images.size());
-    if (!(row[0] >= 0 && row[0] < images)) {
-      throw InputError("points names an image that is not there");
-    }
-    options.stated_points.push_back({{static_cast<int>(row[0]), static_cast<int>(row[1])},
-                                     Eigen::Map<const Eigen::Vector3d>(&row[2]),
-                                     Eigen::Map<const Eigen::Vector3d>(&row[5])});
-  }
   for (const std::array<double, 6>& rate : rates) {
     options.image_rates.emplace_back(Eigen::Map<const Velocity>(rate.data()));
   }
