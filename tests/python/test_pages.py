@@ -17,7 +17,8 @@ from browser import browser
 from gsut import Camera
 from gsut.evaluate.report import write_report
 from gsut.evaluate.scene_page import write_scene_page
-from gsut.page import build_page, embed_json, render_template
+from gsut.page import build_page, render_template
+from gsut.page.page import embed_json
 from gsut.run.folder import RunFile, RunFolder
 from gsut.sfm.report import page
 from gsut.surface import SurfaceView, build_surface_page
