@@ -201,11 +201,13 @@ void ReadStatedPoints(SettingsReader* settings, const std::vector<ImageFeatures>
                       StructureOptions* options) {
   std::vector<std::array<double, 8>> points;
   settings->Read("points", &points);
+  // Standard deviations are relative to those of features: see `StatedPoints.to_settings`.
   for (const std::array<double, 8>& row : points) {
     const auto count = static_cast<double>(images.size());
     if (!(row[0] >= 0 && row[0] < count)) {
       throw InputError("points names an image that is not there");
     }
+    // Numbers came as doubles, beside places; NaN fails here too.
     const auto image = static_cast<int>(row[0]);
     if (!(row[1] >= 0 && row[1] < static_cast<double>(images[image].pixels.size()))) {
       throw InputError("points names a feature that is not there");

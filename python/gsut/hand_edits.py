@@ -99,7 +99,7 @@ def apply_edits(gaussians: Gaussians, edits: Iterable[Mapping[str, Any]]) -> np.
 
     Args:
         gaussians: N Gaussians in the dataset's coordinates.
-        edits: see `read_edits`.
+        edits: done one after another, as `read_edits` returns them.
 
     Returns:
         (N,) bool, which Gaussians are left.

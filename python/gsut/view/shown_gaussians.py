@@ -107,7 +107,7 @@ class ShownGaussians:
             whole = self.load_all()
             kept = self.select_kept(whole, crop, clean, edits)
             if edits is not None:
-                whole = _tint(whole, self.find_edited(edits).selected)
+                whole = _add_tint(whole, self.find_edited(edits).selected)
             if some:
                 kept &= _select_most_seen(whole, self._move_to_axes(whole), share)
             self._chosen[key] = whole[kept]
@@ -128,7 +128,7 @@ def _select_most_seen(gaussians: Gaussians, at: np.ndarray, share: float) -> np.
     return seen >= np.quantile(seen, 1 - share)
 
 
-def _tint(gaussians: Gaussians, selected: np.ndarray) -> Gaussians:
+def _add_tint(gaussians: Gaussians, selected: np.ndarray) -> Gaussians:
     """Returns Gaussians of which the selected ones, (N,) bool, are tinted."""
     if not selected.any():
         return gaussians
