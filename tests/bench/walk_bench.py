@@ -15,6 +15,7 @@ import gsut
 from gsut._core import InputError
 from gsut.capture.panorama import LENSES
 from gsut.data.poses import invert_pose
+from gsut.gaussians import find_rotation_vectors
 from gsut.lens import Camera, find_lens
 from gsut.sfm import compare_poses
 from gsut.sfm.lens.candidates import make_lens
@@ -30,6 +31,15 @@ def _circle_lens(focal: float) -> Camera:
     """Makes a lens of 200 degrees whose circle fills most of its square."""
     params = [focal, focal, 192.7, 191.6, 0.02, -0.006, 0.0, 0.0]
     return Camera("kannala_brandt", params, 384, 384, valid_field_angle=np.radians(100))
+
+
+# Of a phone's gyroscope: its samples a second, seconds that its clock is late, its turn against the
+# picture, rad/s of bias and noise.
+_HERTZ = 200.0
+_LATE = 0.013
+_ASKEW = np.array([0.02, -1.55, 0.03])
+_BIAS = np.array([0.008, -0.005, 0.003])
+_RATE_NOISE = 0.003
 
 
 # Back to back 2.4 cm apart, as in 360-degree cameras.
@@ -85,15 +95,19 @@ def list_cases(settings: Settings) -> Iterator[Row]:
     for name in settings.films:
         if name not in FILMS:
             raise InputError(f"--films: no film {name!r}; there are {', '.join(FILMS)}")
-        yield {"film": name}
+        for gyroscope in settings.gyroscope:
+            yield {"film": name, "gyroscope": gyroscope}
 
 
 def measure(case: Row, settings: Settings) -> Row:
     """Films, runs `gsut poses` on the film and compares."""
     film = resize_film(FILMS[case["film"]](settings.seconds), settings)
-    video = settings.folder / f"{case['film']}.mp4"
+    has_record = case["gyroscope"] == "yes"
+    video = settings.folder / f"{case['film']}{' with gyroscope' if has_record else ''}.mp4"
     if not video.is_file():
         write_film(film, video)
+    if has_record:
+        write_record(film, video.with_suffix(".gcsv"))
     out = video.with_suffix("")
     words = ["--frames", str(settings.frames)] if settings.frames else []
     took = run_gsut(["poses", str(video), *words], out)
@@ -112,6 +126,22 @@ def measure(case: Row, settings: Settings) -> Row:
         backwards = figures["shutter"] in ("bottom_to_top", "right_to_left")
         row["readout_ms"] = 1000 * (-found if backwards else found)
     return row | _compare(film, out)
+
+
+def write_record(film: Film, target: Path) -> None:
+    """Writes a film's turns as Gyroflow logs them, by a sensor as phones have it.
+
+    It is late, mounted askew, and has noise and a bias.
+    """
+    rng = np.random.default_rng(film.seed)
+    times = np.arange(0, film.seconds, 1 / _HERTZ)
+    rotations = film.path(np.append(times, times[-1] + 1 / _HERTZ) - _LATE)[:, :3, :3]
+    rates = find_rotation_vectors(rotations[1:].transpose(0, 2, 1) @ rotations[:-1]) * _HERTZ
+    rates = -rates @ cv2.Rodrigues(_ASKEW)[0] + _BIAS
+    rates += _RATE_NOISE * rng.standard_normal(rates.shape)
+    rows = [",".join(f"{x:.6f}" for x in row) for row in np.column_stack([times, rates])]
+    head = "GYROFLOW IMU LOG\nversion,1.3\norientation,XYZ\ntscale,1\ngscale,1\nt,gx,gy,gz\n"
+    target.write_text(head + "\n".join(rows) + "\n")
 
 
 def resize_film(film: Film, settings: Any) -> Film:
@@ -178,6 +208,7 @@ BENCHMARK = Benchmark(
     help="films of known cameras in the demo's hall: poses, lens and readout against the truth",
     columns=(
         Column("film"),
+        Column("gyroscope"),
         Column("registered", form="d"),
         Column("images", form="d"),
         Column("centers_percent", "centres", "% of extent", ".3f"),
@@ -195,6 +226,7 @@ BENCHMARK = Benchmark(
     measure=measure,
     options=(
         Option("films", tuple(FILMS)[:4], ", ".join(FILMS)),
+        Option("gyroscope", ("no", "yes"), "whether the camera recorded its turns"),
         Option("seconds", 6.0, "length of each film"),
         Option("frame_rate", 24.0, "frames per second"),
         Option("scale", 0.834, "size of the film's pictures"),

@@ -62,3 +62,6 @@ FORMAT_ERRORS["USD"] = FORMAT_ERRORS["glTF"]
 PALETTE_OF_BEST = 1.1  # squared error, of k-means on one level; worst 0.98
 PLACED = 2e-5  # of coordinates to 40 and harmonics to 1, turned in float32; worst 8e-6
 SPZ_DIRECTION = 1.2e-7  # of float32 coordinates, two units; worst 6e-8
+GLTF_QUANTISED_TURN = (
+    1e-6  # 1 - cosine of half the turn: float32 quaternions of 16 bits; worst 2e-7
+)

@@ -82,3 +82,4 @@ GYROSCOPE_BIAS = 1e-3
 GYROSCOPE_AXES = 5e-3
 GYROSCOPE_SCALE = 5e-3
 GYROSCOPE_FOCAL_SIGMAS = 3.0
+GYROSCOPE_VELOCITIES = 0.02  # rad/s, and lengths a second: bias and noise over 15 ms

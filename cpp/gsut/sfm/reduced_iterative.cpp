@@ -96,13 +96,13 @@ void ReducedSystem::ListClusters() {
   cluster_start_.assign(1, 0);
   for (int cluster = 0; cluster < clusters; ++cluster) {
     const Eigen::Index columns = motions_[blocks[cluster].front()].cols();
-    Eigen::MatrixXd all(rows_of_tile_[cluster], columns);
-    for (const int block : blocks[cluster]) {
-      all.middleRows(in_tile_[block], sizes_[block]) = motions_[block];
-    }
     Eigen::Index rank = 0;
-    Eigen::MatrixXd found(all.rows(), 0);
+    Eigen::MatrixXd found(rows_of_tile_[cluster], 0);
     if (columns > 0) {
+      Eigen::MatrixXd all(rows_of_tile_[cluster], columns);
+      for (const int block : blocks[cluster]) {
+        all.middleRows(in_tile_[block], sizes_[block]) = motions_[block];
+      }
       Eigen::ColPivHouseholderQR<Eigen::MatrixXd> qr;
       qr.setThreshold(kIndependent);
       qr.compute(all);

@@ -67,7 +67,10 @@ def _count_gaussians(scene: Scene, options: TrainOptions) -> int:
     """Counts the Gaussians that there will be in any case; only mcmc's follow from the steps."""
     most, steps = options.most_gaussians, options.steps
     first = min(len(scene.points) or _FIRST, most)
-    last = find_last_densification(options.recipe, steps)
+    recipe = options.recipe
+    last = find_last_densification(recipe, steps)
     if options.strategy != "mcmc" or last < max(1.0, DENSIFY_FROM * steps):
         return first
-    return max(first, compute_target_size(most, first, last / steps))
+    due = range(recipe.densify_every, last + 1, recipe.densify_every)
+    sizes = (compute_target_size(most, first, at / steps, recipe.overgrowth) for at in due)
+    return max(first, *sizes)

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import Shutter
+from gsut.data.colmap import RigPlace
 from gsut.data.points import load_points_ply
 from gsut.lens import Camera
 
@@ -30,6 +31,7 @@ class Frame:
     time_ns: int | None = None  # of a recording's: nanoseconds on its own clock
     normal_path: Path | None = None
     turns: int = 0  # clockwise, by a quarter each, that show the image upright
+    rig: RigPlace | None = None
 
 
 @dataclasses.dataclass

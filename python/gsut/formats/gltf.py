@@ -29,6 +29,8 @@ _HEAD = struct.Struct("<4sII")
 _CHUNK = struct.Struct("<I4s")
 _FLOAT = 5126  # glTF's code of float32
 _BYTE = 5121  # glTF's code of uint8
+# Types of numbers by glTF's code; integers are the extension's quantised attributes.
+_NUMBERS = {5120: "<i1", _BYTE: "<u1", 5122: "<i2", 5123: "<u2", _FLOAT: "<f4"}
 _POINTS = 0  # glTF's mode of primitives that are points
 _KINDS = {"ROTATION": "VEC4", "OPACITY": "SCALAR"}  # of attributes that are no VEC3
 _WIDTHS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}
@@ -243,7 +245,16 @@ def _read_array(
     index = attributes.read_whole(name, 0, len(document.values["accessors"]) - 1)
     accessor = document.read_fields("accessors", index)
     accessor.require("sparse")
-    accessor.require("componentType", _FLOAT)
+    component = accessor.read_whole("componentType", min(_NUMBERS), max(_NUMBERS))
+    if component not in _NUMBERS:
+        accessor.require("componentType", _FLOAT)
+    number = np.dtype(_NUMBERS[component])
+    is_whole, is_normalized = number.kind != "f", accessor.values.get("normalized") is True
+    if is_whole and not is_normalized and name != "POSITION":
+        raise InputError(
+            f"{path}: {name} has whole numbers that are not normalized, and gsut reads it as "
+            "float32 or normalized; write it so"
+        )
     kind = _KINDS.get(name.removeprefix(f"{_EXTENSION}:"), "VEC3")
     accessor.require("type", kind)
     width, count = _WIDTHS[kind], accessor.read_whole("count", 1, size)
@@ -255,8 +266,9 @@ def _read_array(
     document.read_fields("buffers", 0).require("uri")
     place = view.read_whole("byteOffset", 0, size, 0)
     inside = accessor.read_whole("byteOffset", 0, size, 0)
-    stride = view.read_whole("byteStride", 4 * width, _MOST_STRIDE, 4 * width)
-    needed = (count - 1) * stride + 4 * width
+    row = number.itemsize * width
+    stride = view.read_whole("byteStride", row, _MOST_STRIDE, row)
+    needed = (count - 1) * stride + row
     if inside + needed > view.read_whole("byteLength", 1, size - place):
         raise InputError(
             f"{path}: truncated or damaged: {name} needs {inside + needed:,} bytes of {view.name}, "
@@ -265,8 +277,12 @@ def _read_array(
     with open_binary(path) as file:
         file.seek(begin + place + inside)
         data = np.frombuffer(file.read(needed), np.uint8)
-    rows = np.lib.stride_tricks.as_strided(data, (count, 4 * width), (stride, 1))
-    return np.ascontiguousarray(rows).view("<f4")
+    rows = np.lib.stride_tricks.as_strided(data, (count, row), (stride, 1))
+    values = np.ascontiguousarray(rows).view(number)
+    if not is_whole:
+        return values
+    unit = np.iinfo(number).max if is_normalized else 1
+    return np.maximum(values / np.float32(unit), -1.0 if is_normalized else -np.inf).astype("<f4")
 
 
 def _decode_gaussians(path: Path, arrays: dict[str, np.ndarray]) -> Gaussians:

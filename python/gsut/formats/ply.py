@@ -31,6 +31,7 @@ from gsut.gaussians import (
 from gsut.run import check_fits, free_memory
 
 # How Brush and Postshot say that a filter of the screen belongs to a file.
+_SURFELS = "SplatRenderMode: 2dgs"
 _ANTIALIASED = ("SplatRenderMode: mip", "antialiased 1")
 # How gsut says that nothing stands behind the scene: what is open shows what is around it.
 NO_BACKGROUND = "gsut: no background"
@@ -294,7 +295,10 @@ def _read(path: Path) -> SceneFile:
 
 
 def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written:
-    comments = ["written by gsut", format_antialiased(settings.antialiased)]
+    mode = format_antialiased(settings.antialiased)
+    if gaussians.are_surfels and not settings.three_scales:
+        mode = _SURFELS
+    comments = ["written by gsut", mode]
     save_ply(path, gaussians, comments, surfels=False if settings.three_scales else None)
     return Written()
 

@@ -42,12 +42,16 @@ def compute_learning_rates(recipe: Recipe, fraction: float, extent: float) -> Le
     )  # fmt: skip
 
 
-def compute_target_size(most: int, first: int, fraction: float) -> int:
-    """Computes how many Gaussians to have: geometric growth from `first` to `most`."""
-    if fraction >= _GROW_UNTIL or first >= most:
+def compute_target_size(most: int, first: int, fraction: float, overgrowth: float = 1.0) -> int:
+    """Computes how many Gaussians to have at a fraction of the steps.
+
+    The number grows geometrically from `first` to `overgrowth` x `most`; then it is `most`.
+    """
+    peak = overgrowth * most
+    if fraction >= _GROW_UNTIL or first >= peak:
         return most
     progress = max(0.0, fraction - DENSIFY_FROM) / (_GROW_UNTIL - DENSIFY_FROM)
-    return round(first * (most / first) ** progress)
+    return round(first * (peak / first) ** progress)
 
 
 def find_last_densification(recipe: Recipe, steps: int) -> int:

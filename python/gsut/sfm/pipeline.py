@@ -17,6 +17,7 @@ from gsut.data import list_some
 from gsut.data.images import read_header
 from gsut.data.rigs import Rig
 from gsut.data.scene import capture_state
+from gsut.judge.checks import REJECTED_LIMIT
 from gsut.output_folder import claim_folder
 from gsut.sfm.gyroscope import use_gyroscope
 from gsut.sfm.learned import add_learned_features
@@ -326,7 +327,8 @@ def _map_connected(mapping: Mapping) -> Mapping:
         after, notes[:] = list(notes), before
         with contextlib.suppress(SolveError):
             joined = register_left_out(_map_photographs(more))
-            if joined.solved.num_registered > np.count_nonzero(~absent):
+            is_more = joined.solved.num_registered > np.count_nonzero(~absent)
+            if is_more and (failure is not None or not _has_more_rejected(joined, plain)):
                 found = np.flatnonzero(absent & joined.solved.registered)
                 names = [mapping.photographs.names[i] for i in found]
                 joined.log.note(f"learned features (XFeat) connected {list_some(names)}")
@@ -335,6 +337,12 @@ def _map_connected(mapping: Mapping) -> Mapping:
     if failure is not None:
         raise failure
     return plain
+
+
+def _has_more_rejected(mapping: Mapping, than: Mapping) -> bool:
+    """Reports whether poses reject many pairs of images, and more than others do."""
+    own, other = (measure_agreement(m.solved, m.pairs).contradicted for m in (mapping, than))
+    return own > max(other, REJECTED_LIMIT)
 
 
 def _map_photographs(mapping: Mapping) -> Mapping:

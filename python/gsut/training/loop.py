@@ -78,7 +78,8 @@ class TrainingLoop:
         tracks: gives the first poses if they come from tracks of features; None: the scene's.
         light: of the photographs, if an earlier run has found it.
         context: Gaussians that are drawn with the trained ones and not changed.
-        recipe: None: the one that follows from the options.
+        recipe: None: the one that follows from the options, without growth beyond the cap if
+            `start` is given.
 
     Attributes:
         views: photographs, poses and lenses; the only owner of the latter two.
@@ -104,6 +105,8 @@ class TrainingLoop:
         scene = scene if tracks is None else tracks.scene
         self.options = options = dataclasses.replace(options, max_gaussians=options.most_gaussians)
         self.recipe = options.recipe if recipe is None else recipe
+        if start is not None:
+            self.recipe = dataclasses.replace(self.recipe, overgrowth=1.0)
         self.step, self.seconds, self.cpu_seconds = 0, 0.0, 0.0
         self._by_distance_until = RAY_FROM if start is None and options.order == "ray" else 0.0
         self.outliers, self.cut_out = Outliers(options, is_new=start is None), CutOut.find(scene)

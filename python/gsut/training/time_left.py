@@ -39,7 +39,8 @@ class Pace:
         fraction = np.arange(1, steps + 1) / steps
         quarter, half = recipe.coarse_to_fine
         pixels = np.where(fraction <= quarter, 1 / 16, np.where(fraction <= half, 1 / 4, 1.0))
-        counts = [compute_target_size(most, max(1, first), each) / most for each in fraction]
+        first, overgrowth = max(1, first), recipe.overgrowth
+        counts = [compute_target_size(most, first, at, overgrowth) / most for at in fraction]
         self._done = [0.0, *itertools.accumulate((pixels + counts).tolist())]
         self._clock = clock
         self._work, self._seconds = [self._done[step]], [clock()]  # at each report

@@ -10,7 +10,7 @@ import gsut
 from formats.scene_cases import plain_scene
 from gsut import InputError, formats
 from gsut.formats import WriteSettings
-from tolerances import FORMAT_ERRORS, SPZ_DIRECTION
+from tolerances import FORMAT_ERRORS, GLTF_QUANTISED_TURN, SPZ_DIRECTION
 
 ALL = {each.name: each for each in formats.list_formats()}
 READ = [each for each in ALL.values() if each.read is not None]
@@ -180,6 +180,71 @@ def test_gltf_is_half_a_turn_about_z_away(tmp_path, rng):
     view = document["bufferViews"][0]
     means = np.frombuffer(data, "<f4", 9, 28 + length + view["byteOffset"]).reshape(3, 3)
     np.testing.assert_array_equal(means, g.means * [-1, -1, 1])
+
+
+def quantize_glb(path, name: str, values: np.ndarray, normalized: bool) -> None:
+    """Replaces an attribute of a .glb of Gaussians by whole numbers at the end of its data."""
+    import json
+
+    codes = {"i1": 5120, "u1": 5121, "i2": 5122, "u2": 5123}
+    data = path.read_bytes()
+    length = struct.unpack_from("<I", data, 12)[0]
+    document, chunk = json.loads(data[20 : 20 + length]), data[28 + length :]
+    rows = values.tobytes()
+    rows += bytes(-len(rows) % 4)
+    accessor = document["accessors"][
+        document["meshes"][0]["primitives"][0]["attributes"][name]
+    ]  # fmt: skip
+    accessor |= {"componentType": codes[values.dtype.str[1:]], "normalized": normalized,
+                 "bufferView": len(document["bufferViews"])}  # fmt: skip
+    document["bufferViews"].append(
+        {"buffer": 0, "byteOffset": len(chunk), "byteLength": values.nbytes}
+    )
+    document["buffers"][0]["byteLength"] = len(chunk) + len(rows)
+    text = json.dumps(document).encode()
+    text += b" " * (-len(text) % 4)
+    chunk += rows
+    head = struct.pack("<4sII", b"glTF", 2, 28 + len(text) + len(chunk))
+    path.write_bytes(
+        head + struct.pack("<I4s", len(text), b"JSON") + text
+        + struct.pack("<I4s", len(chunk), b"BIN\0") + chunk
+    )  # fmt: skip
+
+
+def test_gltf_quantised_attributes_are_read_by_their_types(tmp_path, rng):
+    g, path = plain_scene(rng, 7), tmp_path / "a.glb"
+    formats.save_gaussians(path, g)
+    exact = formats.load_gaussians(path)
+    opacity = rng.integers(1, 255, 7).astype("<u1")
+    turns = rng.integers(-32768, 32768, (7, 4)).astype("<i2")
+    places = rng.integers(-300, 300, (7, 3)).astype("<i2")
+    quantize_glb(path, "KHR_gaussian_splatting:OPACITY", opacity, True)
+    quantize_glb(path, "KHR_gaussian_splatting:ROTATION", turns, True)
+    quantize_glb(path, "POSITION", places, False)
+    found = formats.load_gaussians(path)
+    np.testing.assert_array_equal(found.means, places * np.float32([-1, -1, 1]))
+    np.testing.assert_array_equal(found.log_scales, exact.log_scales)
+    np.testing.assert_array_equal(
+        np.rint(255 / (1 + np.exp(-found.opacity_logits.astype(np.float64)))), opacity
+    )
+    x, y, z, w = turns.T / 32767.0
+    turned = np.stack([-z, -y, x, w], axis=1)
+    turned /= np.linalg.norm(turned, axis=1, keepdims=True)
+    quats = found.quats / np.linalg.norm(found.quats, axis=1, keepdims=True)
+    assert np.abs(np.sum(turned * quats, axis=1)).min() > 1 - GLTF_QUANTISED_TURN
+
+
+def test_gltf_whole_numbers_that_are_not_normalized_are_refused_by_name(tmp_path, rng):
+    path = tmp_path / "a.glb"
+    formats.save_gaussians(path, plain_scene(rng, 7))
+    quantize_glb(path, "KHR_gaussian_splatting:OPACITY", np.ones(7, "<u1"), False)
+    with pytest.raises(InputError, match="OPACITY has whole numbers that are not normalized"):
+        formats.load_gaussians(path)
+
+
+def test_save_ply_of_surfels_declares_2dgs(tmp_path, rng):
+    formats.save_gaussians(tmp_path / "a.ply", plain_scene(rng, 5).to_surfels())
+    assert b"\ncomment SplatRenderMode: 2dgs\n" in (tmp_path / "a.ply").read_bytes()
 
 
 def test_usd_is_valid_and_has_w_x_y_z_of_a_turned_scene(tmp_path, rng):

@@ -52,6 +52,16 @@ def test_presets_steps_are_fewer_for_few_views_and_given_ones_are_not():
     assert fit_to_views(again, 2) == again  # of a run that goes on
 
 
+def test_a_small_cap_is_outgrown_in_fewer_of_a_presets_steps():
+    small = TrainOptions(preset="fast", max_gaussians=5000)
+    assert small.recipe.overgrowth > 1.0
+    assert fit_to_views(small, 60).steps == 450
+    assert fit_to_views(dataclasses.replace(small, steps=500), 60).steps == 500
+    others = {"max_gaussians": 200_000}, {"steps": 200}, {"primitive": "triangle"}
+    for other in (*others, {"strategy": "mini"}):
+        assert dataclasses.replace(small, **other).recipe.overgrowth == 1.0
+
+
 def test_harmonics_of_a_preset_may_be_higher_and_given_ones_stay():
     assert raise_degree(TrainOptions(), 3).sh_degree == 3
     assert raise_degree(TrainOptions(preset="best"), 1).sh_degree == 2

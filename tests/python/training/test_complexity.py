@@ -2,7 +2,7 @@
 
 import gsut
 from gsut import TrainOptions
-from gsut.run.options import PRESETS, presets
+from gsut.run.options import PRESETS, fit_to_views, presets
 from gsut.training.first import choose_complexity, complexity
 from random_scenes import arrays_of
 
@@ -83,3 +83,11 @@ def test_training_on_few_photographs_takes_fewer_steps_and_says_so(scene, monkey
     given = gsut.train(scene, TrainOptions(steps=20, max_gaussians=100), progress=False)
     assert given.metrics["steps"] == 20
     assert not any("steps, for which" in note for note in given.metrics["notes"])
+
+
+def test_steps_that_growth_beyond_a_small_cap_replaces_are_reported(scene):
+    said = []
+    options = fit_to_views(TrainOptions(preset="fast", max_gaussians=5000), 60)
+    choose_complexity(scene, options, said.append)
+    (line,) = said
+    assert "at most 5,000 Gaussians: 450 steps, for which the preset has 500; they outgrow" in line

@@ -7,6 +7,7 @@ import pytest
 
 from gsut import TrainOptions
 from gsut.training import TrainingLoop
+from random_scenes import arrays_of
 
 OPTIONS = TrainOptions(steps=20, max_gaussians=300)
 RECIPE = dataclasses.replace(OPTIONS.recipe, densify_every=5)
@@ -39,6 +40,31 @@ def test_beside_gaussians_that_stay_growth_goes_by_gradients(scene):
     loop.advance()
     assert loop.optimizer.gradient_max.any()
     assert not loop.optimizer.error_sum.any()
+
+
+def test_growth_beyond_a_small_cap_is_merged_to_it_and_goes_on_from_a_state(scene):
+    recipe = dataclasses.replace(RECIPE, densify_every=2, overgrowth=2.0)
+    loop, other = (TrainingLoop(scene, OPTIONS, recipe=recipe) for _ in range(2))
+    sizes = []
+    while loop.step < OPTIONS.steps:
+        sizes.append(len(loop.gaussians))
+        loop.advance()
+        if loop.step in (7, 11):  # before and after the merging
+            other.load_state_dict(loop.state_dict())
+        elif loop.step > 7:
+            other.advance()
+            assert arrays_of(other.gaussians) == arrays_of(loop.gaussians), loop.step
+    assert max(sizes) == sizes[9]
+    assert set(sizes[10:]) == {len(loop.gaussians)} == {300}
+
+
+def test_gaussians_that_are_given_do_not_outgrow_a_cap(scene):
+    start = loop_of(scene).gaussians.copy()
+    recipe = dataclasses.replace(RECIPE, densify_every=2, overgrowth=2.0)
+    loop = TrainingLoop(scene, OPTIONS, start, recipe=recipe)
+    while loop.step < 10:
+        loop.advance()
+        assert len(loop.gaussians) <= 300
 
 
 @pytest.mark.parametrize("until", [0.8, 0.1], ids=["while it grows", "afterwards"])

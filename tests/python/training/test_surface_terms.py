@@ -13,7 +13,7 @@ import tolerances
 from gsut import InputError, TrainOptions, _core
 from gsut.data.scene import read_depth, read_normals
 from gsut.training.loop import TrainingLoop
-from gsut.training.surface.known_depth import KnownDepth
+from gsut.training.surface.known_depth import KnownDepth, check_maps
 from gsut.training.surface.surface_terms import SurfaceTerms, SurfaceWeights
 from random_scenes import relative_error
 from surface_scenes import lines_of
@@ -233,3 +233,40 @@ def test_training_for_surfaces_flattens(scene):
         scales = np.sort(loop.gaussians.log_scales, axis=1)
         flatness.append(np.median(scales[:, 0] - scales[:, 1]))
     assert flatness[0] < flatness[1] - 0.05
+
+
+def write_depths(folder, as_z: bool):
+    """Writes the plane's depths as .npy, along the rays or as z, beside its points."""
+    values = small_datasets.transforms()
+    for number, (frame, pose) in enumerate(
+        zip(values["frames"], small_datasets.world_from_cameras(), strict=True)
+    ):
+        y, x = np.mgrid[: small_datasets.HEIGHT, : small_datasets.WIDTH] + 0.5
+        rays = np.stack(
+            [
+                (x - small_datasets.CX) / small_datasets.FX,
+                (y - small_datasets.CY) / small_datasets.FY,
+                np.ones_like(x),
+            ],
+            axis=-1,
+        )
+        z = -pose[2, 3] / (rays @ pose[2, :3])
+        depth = z if as_z else z * np.linalg.norm(rays, axis=-1)
+        frame["depth_file_path"] = f"{number}.npy"
+        np.save(folder / f"{number}.npy", depth.astype(np.float32))
+    return gsut.load_dataset(small_datasets.write_nerfstudio(folder, values))
+
+
+def test_check_maps_of_z_beside_points_raises_what_to_do(tmp_path):
+    (tmp_path / "z").mkdir()
+    (tmp_path / "ray").mkdir()
+    options = gsut.TrainOptions(surface=True)
+    check_maps(write_depths(tmp_path / "ray", False), options)
+    scene = write_depths(tmp_path / "z", True)
+    with pytest.raises(InputError, match=r"as z along the camera's axis.*z_from_distance"):
+        check_maps(scene, options)
+    ones = np.ones((small_datasets.HEIGHT, small_datasets.WIDTH))
+    for view in range(len(scene)):
+        path = scene.views[view].depth_path
+        np.save(path, np.load(path) / gsut.rendering.z_from_distance(ones, scene.camera(view)))
+    check_maps(scene, options)

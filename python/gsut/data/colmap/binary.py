@@ -19,7 +19,7 @@ _POINT = struct.Struct("<Q3d3BdQ")  # id, position, colour, error, length of the
 _TRACK_BYTES = 8  # image id and 2D point index as uint32
 
 
-class _Reader:
+class ModelReader:
     """Steps through a file's bytes and knows which record it is in."""
 
     def __init__(self, path: Path, kind: str) -> None:
@@ -86,7 +86,7 @@ def read_images_bin(path: Path) -> list[ImageRow]:
     Raises:
         DatasetError: truncated, or a name that is not UTF-8.
     """
-    reader, rows = _Reader(path, "image"), []
+    reader, rows = ModelReader(path, "image"), []
     for _ in reader.count_records():
         start = reader.position
         image_id, *pose, camera_id = reader.unpack(_IMAGE)
@@ -103,7 +103,7 @@ def read_points_bin(path: Path) -> tuple[np.ndarray, np.ndarray]:
     Raises:
         DatasetError: truncated.
     """
-    reader, points, colors = _Reader(path, "point"), [], []
+    reader, points, colors = ModelReader(path, "point"), [], []
     for _ in reader.count_records():
         _, x, y, z, red, green, blue, _, track = reader.unpack(_POINT)
         reader.skip(track * _TRACK_BYTES)

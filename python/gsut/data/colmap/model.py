@@ -8,23 +8,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gsut.gaussians import quaternion_from_rotation
+from gsut.data.colmap.records import ColmapImage
+from gsut.data.colmap.rigid import list_rig_rows, pack_pose
+from gsut.data.colmap.rigs import format_rig_texts, pack_rigs
 from gsut.lens import Camera
 from gsut.lens.files import to_colmap
 
 _NO_ERROR = 0.0
-
-
-@dataclasses.dataclass
-class ColmapImage:
-    """One image: `pixels` (M, 2) and `points` (M,), the place in the model's points of each."""
-
-    number: int
-    name: str
-    camera: Camera
-    camera_from_world: np.ndarray
-    pixels: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 2)))
-    points: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0, np.int64))
 
 
 @dataclasses.dataclass
@@ -36,10 +26,19 @@ class ColmapModel:
     colors: np.ndarray
     errors: np.ndarray | None = None
 
-    def number_lenses(self) -> dict[Camera, int]:
-        """Numbers the lenses from 1, each once."""
-        found = dict.fromkeys(image.camera for image in self.images)
-        return {camera: number for number, camera in enumerate(found, 1)}
+    def number_cameras(self) -> tuple[dict[int, Camera], list[int]]:
+        """Numbers the lenses from 1, each once, but each camera of a rig by itself.
+
+        Returns:
+            The lenses by number, and the number of each image.
+        """
+        keys = [(i.camera, None if i.rig is None else i.rig[:2]) for i in self.images]
+        found = {key: number for number, key in enumerate(dict.fromkeys(keys), 1)}
+        return {number: key[0] for key, number in found.items()}, [found[key] for key in keys]
+
+    @property
+    def has_rigs(self) -> bool:
+        return any(image.rig is not None for image in self.images)
 
     def get_error(self, point: int) -> float:
         return _NO_ERROR if self.errors is None else float(self.errors[point])
@@ -56,20 +55,21 @@ class ColmapModel:
 def format_model_texts(model: ColmapModel) -> dict[str, str]:
     """Formats cameras.txt, images.txt and points3D.txt; cameras and points count from 1.
 
+    Models with rigs have rigs.txt and frames.txt, too.
+
     Raises:
         InputError: COLMAP has no such lens.
     """
-    number_lenses = model.number_lenses()
+    lenses, numbers = model.number_cameras()
     cameras = ["# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]"]
-    for camera, number in number_lenses.items():
+    for number, camera in lenses.items():
         name, _, params = to_colmap(camera)
         values = " ".join(map(repr, params))
         cameras.append(f"{number} {name} {camera.width} {camera.height} {values}")
     images = ["# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME"]
-    for image in model.images:
-        pose = image.camera_from_world
-        numbers = _format_numbers((*quaternion_from_rotation(pose[:3, :3]), *pose[:3, 3]))
-        images.append(f"{image.number} {numbers} {number_lenses[image.camera]} {image.name}")
+    for image, number in zip(model.images, numbers, strict=True):
+        pose = pack_pose(image.camera_from_world)
+        images.append(f"{image.number} {_format_numbers(pose)} {number} {image.name}")
         images.append(
             " ".join(
                 f"{x:.6f} {y:.6f} {point + 1}"
@@ -88,26 +88,28 @@ def format_model_texts(model: ColmapModel) -> dict[str, str]:
             f"{i + 1} {_format_numbers(model.points[i])} {color} {model.get_error(i):.6f} {seen}"
         )
     files = {"cameras.txt": cameras, "images.txt": images, "points3D.txt": points}
-    return {name: "\n".join([*lines, ""]) for name, lines in files.items()}
+    texts = {name: "\n".join([*lines, ""]) for name, lines in files.items()}
+    if not model.has_rigs:
+        return texts
+    return texts | format_rig_texts(*list_rig_rows(model.images, numbers))
 
 
 def format_model_binaries(model: ColmapModel) -> dict[str, bytes]:
-    """Packs cameras.bin, images.bin and points3D.bin.
+    """Packs cameras.bin, images.bin and points3D.bin; of rigs also rigs.bin and frames.bin.
 
     Raises:
         InputError: COLMAP has no such lens.
     """
-    number_lenses = model.number_lenses()
-    cameras = [struct.pack("<Q", len(number_lenses))]
-    for camera, number in number_lenses.items():
+    lenses, numbers = model.number_cameras()
+    cameras = [struct.pack("<Q", len(lenses))]
+    for number, camera in lenses.items():
         _, model_id, params = to_colmap(camera)
         head = struct.pack("<IiQQ", number, model_id, camera.width, camera.height)
         cameras.append(head + struct.pack(f"<{len(params)}d", *params))
     images = [struct.pack("<Q", len(model.images))]
-    for image in model.images:
-        pose = image.camera_from_world
-        values = (*quaternion_from_rotation(pose[:3, :3]), *pose[:3, 3])
-        images.append(struct.pack("<I7dI", image.number, *values, number_lenses[image.camera]))
+    for image, number in zip(model.images, numbers, strict=True):
+        values = pack_pose(image.camera_from_world)
+        images.append(struct.pack("<I7dI", image.number, *values, number))
         images.append(image.name.encode() + b"\0" + struct.pack("<Q", len(image.points)))
         seen = np.empty(len(image.points), [("xy", "<f8", 2), ("point", "<u8")])
         seen["xy"], seen["point"] = image.pixels, image.points + 1
@@ -120,7 +122,10 @@ def format_model_binaries(model: ColmapModel) -> dict[str, bytes]:
         )
         points += [struct.pack("<II", *row) for row in track]
     files = {"cameras.bin": cameras, "images.bin": images, "points3D.bin": points}
-    return {name: b"".join(parts) for name, parts in files.items()}
+    packed = {name: b"".join(parts) for name, parts in files.items()}
+    if not model.has_rigs:
+        return packed
+    return packed | pack_rigs(*list_rig_rows(model.images, numbers))
 
 
 def _format_numbers(values: Sequence[float] | np.ndarray | tuple) -> str:

@@ -15,7 +15,7 @@ _IMAGE_FIELDS = 10  # IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME
 _POINT_FIELDS = 8  # POINT3D_ID X Y Z R G B ERROR, then the track
 
 
-def _read_lines(path: Path) -> Iterator[tuple[int, str]]:
+def read_lines(path: Path) -> Iterator[tuple[int, str]]:
     """Yields line numbers from 1 and text, without comments; blank lines are kept."""
     with open_text(path, fails=DatasetError) as file:
         for number, line in enumerate(file, 1):
@@ -23,7 +23,7 @@ def _read_lines(path: Path) -> Iterator[tuple[int, str]]:
                 yield number, line.strip()
 
 
-def _report_malformed(where: str, line: str, expected: str) -> DatasetError:
+def report_malformed(where: str, line: str, expected: str) -> DatasetError:
     place_and_show = line if len(line) <= 60 else line[:57] + "..."
     return DatasetError(
         where,
@@ -40,7 +40,7 @@ def read_images_txt(path: Path) -> list[ImageRow]:
     """
     rows = []
     expected = "IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME"
-    lines = _read_lines(path)
+    lines = read_lines(path)
     for number, line in lines:
         if not line:
             continue
@@ -53,7 +53,7 @@ def read_images_txt(path: Path) -> list[ImageRow]:
                 ImageRow(int(fields[0]), numbers[:4], numbers[4:], int(fields[8]), fields[9], where)
             )
         except ValueError as error:
-            raise _report_malformed(where, line, expected) from error
+            raise report_malformed(where, line, expected) from error
         number, points = next(lines, (number + 1, ""))
         _require_points_line(points, f"{path}, line {number}")
     return rows
@@ -66,7 +66,7 @@ def _require_points_line(line: str, where: str) -> None:
         if line:
             float(fields[0]), float(fields[1]), int(fields[2])
     except (ValueError, IndexError) as error:
-        raise _report_malformed(
+        raise report_malformed(
             where, line, "the image's points X Y POINT3D_ID ... (an empty line if it has none)"
         ) from error
 
@@ -78,7 +78,7 @@ def read_points_txt(path: Path) -> tuple[np.ndarray, np.ndarray]:
         DatasetError: a malformed line.
     """
     points, colors = [], []
-    for number, line in _read_lines(path):
+    for number, line in read_lines(path):
         if not line:
             continue
         fields = line.split(maxsplit=_POINT_FIELDS)
@@ -91,7 +91,7 @@ def read_points_txt(path: Path) -> tuple[np.ndarray, np.ndarray]:
                 raise ValueError
             colors.append(color)
         except ValueError as error:
-            raise _report_malformed(
+            raise report_malformed(
                 f"{path}, line {number}", line, "POINT3D_ID X Y Z R G B ERROR TRACK[]"
             ) from error
     return np.array(points, np.float64).reshape(-1, 3), np.array(colors, np.uint8).reshape(-1, 3)

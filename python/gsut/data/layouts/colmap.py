@@ -16,11 +16,16 @@ from gsut._core import InputError
 from gsut.data.colmap import (
     ColmapImage,
     ColmapModel,
+    Pose,
+    RigPlace,
     format_model_binaries,
+    hold_rigs,
+    read_frames,
     read_images_bin,
     read_images_txt,
     read_points_bin,
     read_points_txt,
+    read_rigs,
 )
 from gsut.data.errors import DatasetError, OnError, list_some, raise_error
 from gsut.data.export import Export, list_losses, place_images
@@ -34,6 +39,8 @@ from gsut.lens import Camera
 from gsut.lens.files import camera_from_colmap, list_binary_cameras, list_text_cameras
 
 MODEL_FOLDERS = ("sparse/0", "sparse", ".")
+# Difference of a pose in images from that of the rig above which they are two poses.
+_SAME_POSE = 1e-6
 IMAGE_FOLDERS = ("images", "images_2", "images_4", "images_8", ".")
 
 
@@ -71,33 +78,10 @@ def read_colmap(path: Path, *, on_error: OnError = raise_error) -> Listing:
         )
     suffix = ".bin" if (model / "images.bin").is_file() else ".txt"
     source = model / f"images{suffix}"
-    file = model / f"cameras{suffix}"
-    if suffix == ".bin":
-        camera_rows = list_binary_cameras(read_bytes(file), str(file))
-        image_rows = read_images_bin(source)
-    else:
-        camera_rows = list_text_cameras(read_text(file), str(file))
-        image_rows = read_images_txt(source)
-    cameras: dict[int, Camera] = {}
-    unusable: set[int] = set()
-    for camera_row in camera_rows:
-        try:
-            if not np.isfinite(camera_row.params).all():
-                raise DatasetError(
-                    camera_row.where,
-                    f"the parameters of camera {camera_row.camera_id} are not finite",
-                    "calibrate again",
-                )
-            cameras[camera_row.camera_id] = camera_from_colmap(
-                camera_row.model,
-                camera_row.params,
-                camera_row.width,
-                camera_row.height,
-                source=camera_row.where,
-            )
-        except InputError as error:
-            unusable.add(camera_row.camera_id)
-            on_error(error)
+    image_rows = read_images_bin(source) if suffix == ".bin" else read_images_txt(source)
+    cameras, unusable = _read_cameras(model / f"cameras{suffix}", on_error)
+    places = _read_rig_places(model, suffix, on_error)
+    moved: list[str] = []
     folder = _find_image_folder(path, model, [row.name for row in image_rows])
     listing, pictures = Listing(path, source), PictureLookup(folder)
     for row in image_rows:
@@ -118,14 +102,16 @@ def read_colmap(path: Path, *, on_error: OnError = raise_error) -> Listing:
             pose = pose_from_quaternion(
                 row.quat_wxyz, row.translation, f"{row.where}, image {row.name}"
             )
+            place, on_rig = places.get(row.image_id, (None, None))
+            if on_rig is not None and not np.allclose(
+                on_rig, pose, rtol=_SAME_POSE, atol=_SAME_POSE
+            ):
+                pose = on_rig
+                moved.append(name)
+            mask = find_mask(folder.parent / "masks", name)
+            lens = cameras[row.camera_id]
             listing.frames.append(
-                Frame(
-                    name,
-                    image_path,
-                    cameras[row.camera_id],
-                    invert_pose(pose),
-                    mask_path=find_mask(folder.parent / "masks", name),
-                )
+                Frame(name, image_path, lens, invert_pose(pose), mask_path=mask, rig=place)
             )
         except InputError as error:
             on_error(error)
@@ -135,12 +121,86 @@ def read_colmap(path: Path, *, on_error: OnError = raise_error) -> Listing:
     except InputError as error:
         on_error(error)
     listing.notes += pictures.describe_differing(source)
+    if moved:
+        listing.notes.append(
+            f"{model / f'frames{suffix}'}: {len(moved)} images have another pose here than in "
+            f"images{suffix}; this one is taken, as COLMAP 4 does: {list_some(moved)}"
+        )
     if folder.name != "images" and listing.frames:
         listing.notes.append(f"{folder}: images are read from here")
     other = _list_other_models(path, model)
     if other:
         listing.notes.append(f"{model}: this model is used, not {list_some(other)}")
     return listing
+
+
+def _read_cameras(file: Path, on_error: OnError) -> tuple[dict[int, Camera], set[int]]:
+    """Reads the lens of each camera; returns them by id, and the ids of those that have none."""
+    if file.suffix == ".bin":
+        rows = list_binary_cameras(read_bytes(file), str(file))
+    else:
+        rows = list_text_cameras(read_text(file), str(file))
+    cameras: dict[int, Camera] = {}
+    unusable: set[int] = set()
+    for camera_row in rows:
+        try:
+            if not np.isfinite(camera_row.params).all():
+                raise DatasetError(
+                    camera_row.where,
+                    f"the parameters of camera {camera_row.camera_id} are not finite",
+                    "calibrate again",
+                )
+            cameras[camera_row.camera_id] = camera_from_colmap(
+                camera_row.model,
+                camera_row.params,
+                camera_row.width,
+                camera_row.height,
+                source=camera_row.where,
+            )
+        except InputError as error:
+            unusable.add(camera_row.camera_id)
+            on_error(error)
+    return cameras, unusable
+
+
+def _read_rig_places(
+    model: Path, suffix: str, on_error: OnError
+) -> dict[int, tuple[RigPlace, np.ndarray]]:
+    """Reads where each image was taken on a rig of several cameras, and its camera_from_world.
+
+    Args:
+        model: folder of the model; those of COLMAP 3 have no rigs.
+        suffix: of its files.
+        on_error: receives an error of the rigs, without which images keep their poses.
+    """
+    files = [model / f"{stem}{suffix}" for stem in ("rigs", "frames")]
+    found: dict[int, tuple[RigPlace, np.ndarray]] = {}
+    if not all(file.is_file() for file in files):
+        return found
+    try:
+        rigs = {row.rig_id: row for row in read_rigs(files[0])}
+        for frame in read_frames(files[1]):
+            rig = rigs.get(frame.rig_id)
+            if rig is None:
+                raise DatasetError(
+                    frame.where, f"its rig, {frame.rig_id}, is not in {files[0].name}",
+                    f"{files[0].name} and {files[1].name} are of different models: copy both again",
+                )  # fmt: skip
+            if len(rig.cameras) < 2:
+                continue
+            rig_from_world = _parse_pose(frame.rig_from_world, frame.where)
+            for camera, image in frame.images:
+                mount = rig.cameras.get(camera)
+                if mount is not None:
+                    place = RigPlace(rig.rig_id, list(rig.cameras).index(camera), frame.frame_id)
+                    found[image] = place, _parse_pose(mount, rig.where) @ rig_from_world
+    except InputError as error:
+        on_error(error)
+    return found
+
+
+def _parse_pose(pose: Pose, where: str) -> np.ndarray:
+    return pose_from_quaternion(list(pose[:4]), list(pose[4:]), where)
 
 
 def _name_below(folder: Path, path: Path, name: str) -> str:
@@ -185,16 +245,21 @@ def write_colmap(folder: Path, export: Export) -> list[str]:
     Raises:
         InputError: COLMAP has no such lens.
     """
-    images = [
-        ColmapImage(number, frame.name, frame.camera, invert_pose(frame.world_from_camera))
-        for number, frame in enumerate(export.frames, 1)
-    ]
+    frames = enumerate(export.frames, 1)
+    images, notes = hold_rigs(
+        [
+            ColmapImage(
+                n, each.name, each.camera, invert_pose(each.world_from_camera), rig=each.rig
+            )
+            for n, each in frames
+        ]
+    )
     files = format_model_binaries(ColmapModel(images, export.points, export.point_colors))
     place_images(export, folder)
     (folder / MODEL).mkdir(parents=True)
     for name, content in files.items():
         write_file(folder / MODEL / name, content)
-    return list_losses(export)
+    return list_losses(export) + notes
 
 
 LAYOUTS = (

@@ -276,9 +276,12 @@ def write_nerfstudio(folder: Path, export: Export) -> list[str]:
         folder / "transforms.json", frames, points_file=POINTS if len(export.points) else None,
         test=export.test, up=export.up,
     )  # fmt: skip
+    losses = []
     if any(frame.depth_path is not None for frame in frames):
-        return ["depth files are named where they were, not copied"]
-    return []
+        losses.append("depth files are named where they were, not copied")
+    if any(frame.rig is not None for frame in frames):
+        losses.append("transforms.json has no place for rigs: each image has its own pose")
+    return losses
 
 
 def _read_parts(folder: Path, on_error: OnError) -> Listing:

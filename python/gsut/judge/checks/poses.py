@@ -16,6 +16,9 @@ _PROBABLE = 0.6745  # standard deviations that an error exceeds as often as not
 # right one mostly has more, and a wrong one leaves a third; and below which poses are poor.
 FEW_AGREE = 0.4
 _HARDLY_AGREE = 0.25
+# Share of the pairs whose matches poses reject as a whole: right poses reject hardly any, wrong
+# ones mostly a fifth and more.
+REJECTED_LIMIT = 0.05
 _SOME_LOST = 0.05  # share of the images without a pose above which a result is usable at most
 _MANY_LOST = 0.4  # the same above which it is poor
 _FEWEST = 6  # images with a pose: with fewer, hardly anything would show that poses are wrong
@@ -176,8 +179,8 @@ POSES_CHECKS: tuple[Check[PosesQuality], ...] = (
         "they are read",
         _ADD_TURNED,
     ),
-    Check(  # right poses reject hardly any, wrong ones mostly a fifth and more
-        "rejected pairs", lambda q: q.contradicted, 0.05, 0.05,
+    Check(
+        "rejected pairs", lambda q: q.contradicted, REJECTED_LIMIT, REJECTED_LIMIT,
         lambda q: f"the poses reject all matches of {100 * q.contradicted:.0f} % of the pairs of "
         "images",
         _choose_step_on_pairs,

@@ -12,6 +12,8 @@ from gsut.run.options.train import TrainOptions
 _FULL_STEPS_VIEWS = 25
 # Fewest steps of a preset, however few the views.
 _LEAST_STEPS = 500
+# Share of a preset's steps that takes as long where Gaussians outgrow their cap for a while.
+_OVERGROWN_STEPS = 0.9
 
 
 def is_from_preset(options: TrainOptions, name: str) -> bool:
@@ -25,10 +27,13 @@ def get_preset_value(options: TrainOptions, name: str) -> Any:
 
 
 def fit_to_views(options: TrainOptions, views: int) -> TrainOptions:
-    """Reduces the steps of a preset for a scene of few training views."""
+    """Reduces the steps of a preset for a scene of few training views, or for a small cap."""
     steps = get_preset_value(options, "steps")
     fewer = min(steps, max(_LEAST_STEPS, steps * views // _FULL_STEPS_VIEWS))
-    return _replace_open(options, steps=fewer)
+    fitted = _replace_open(options, steps=fewer)
+    if fitted.recipe.overgrowth == 1.0:
+        return fitted
+    return _replace_open(options, steps=round(_OVERGROWN_STEPS * fewer))
 
 
 def raise_degree(options: TrainOptions, degree: int) -> TrainOptions:

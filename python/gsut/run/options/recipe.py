@@ -42,6 +42,13 @@ _NOISE_FROM_STEPS = 1500
 _SH_WITHIN = 0.6
 # Most steps between two degrees of harmonics: the published interval.
 _SH_EVERY_MOST = 1000
+# Largest cap under which a training grows beyond it: Gaussians that fill it do not die, so none
+# moves to where detail is missing.
+_SMALL_CAP = 20_000
+# Number of Gaussians under a small cap before they are merged, x the cap.
+_OVERGROWTH = 2.0
+# Fewest steps of a training that has time to settle after the merging.
+_OVERGROWTH_FROM_STEPS = 400
 
 
 @dataclasses.dataclass(frozen=True)
@@ -55,6 +62,7 @@ class Recipe:
         densify_every: steps between densifications.
         sh_every: steps between two degrees of harmonics.
         noise: whether MCMC adds noise to the centres.
+        overgrowth: most Gaussians of a new training, x the cap that they are merged to.
         regularizer: weights of the mean opacity and of the mean scale in the loss (MCMC).
         lr_means: of the centres, x scene extent; `lr_means_final_factor` is their factor.
         lr_scales, lr_quats, lr_opacity, lr_sh0, lr_sh_rest: of the logarithms of scales, rotations,
@@ -70,6 +78,7 @@ class Recipe:
     lr_scales: float
     lr_sh_rest: float
     lr_final_factor: float
+    overgrowth: float = 1.0
     lr_quats: float = 4e-3  # 4 x published
     lr_opacity: float = 0.1  # 2 x published
     lr_sh0: float = 7e-3  # 3 x published
@@ -77,8 +86,15 @@ class Recipe:
     regularizer: float = 0.01  # published (MCMC)
 
 
-def make_recipe(steps: int, sh_degree: int) -> Recipe:
-    """Makes the recipe of a training with a number of steps and a degree of harmonics."""
+def make_recipe(steps: int, sh_degree: int, cap: int | None = None) -> Recipe:
+    """Makes the recipe of a training.
+
+    Args:
+        steps: number of them.
+        sh_degree: degree of the harmonics.
+        cap: most Gaussians; None: they cannot be merged, so must not outgrow it.
+    """
+    overgrows = cap is not None and cap <= _SMALL_CAP and steps >= _OVERGROWTH_FROM_STEPS
     densify_every = round(_interpolate(steps, _DENSIFY_EVERY))
     return Recipe(
         coarse_to_fine=(_interpolate(steps, _QUARTER_UNTIL), _interpolate(steps, _HALF_UNTIL)),
@@ -89,6 +105,7 @@ def make_recipe(steps: int, sh_degree: int) -> Recipe:
         lr_scales=_interpolate(steps, _SCALES_LR),
         lr_sh_rest=_clamp(_SH_REST_LR_TIMES_STEPS / steps, _SH_REST_LR_RANGE),
         lr_final_factor=_interpolate(steps, _LR_FINAL_FACTOR),
+        overgrowth=_OVERGROWTH if overgrows else 1.0,
     )
 
 

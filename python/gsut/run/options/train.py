@@ -108,7 +108,8 @@ class TrainOptions:
 
     max_gaussians: int = define_option(
         AUTO, "Gaussians", "largest number of Gaussians; auto: fast 50000, balanced 200000, best "
-        "300000, or fewer for few photographs: 5000 a training view, and one for 4 of their pixels",
+        "300000, or fewer for few photographs: 5000 a training view, and one for 4 of their "
+        "pixels; up to 20000, training grows to twice the number and merges halfway",
         low=1, high=100_000_000, words=(AUTO,),
     )
     sh_degree: int = define_option(
@@ -183,8 +184,9 @@ class TrainOptions:
 
     @property
     def recipe(self) -> Recipe:
-        """The values that follow from the number of steps and the degree of harmonics."""
-        return make_recipe(self.steps, self.sh_degree)
+        """The values that follow from steps, degree of harmonics and most Gaussians."""
+        can_merge = self.strategy == "mcmc" and self.primitive == "gaussian"
+        return make_recipe(self.steps, self.sh_degree, self.most_gaussians if can_merge else None)
 
     def list_words(self, *but: str) -> list[str]:
         """Lists the words of a command line that make these options, without the fields `but`.

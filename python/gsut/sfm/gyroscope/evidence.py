@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 
 from gsut._core import SolveError
+from gsut.gaussians import find_rotation_vectors
 from gsut.sfm.gyroscope.calibration import BIAS_SIGMA, TurnCalibration, calibrate_turns
+from gsut.sfm.gyroscope.curve import TurnCurve
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.solution import (
     Adjustment,
@@ -25,6 +27,8 @@ _EXPLAINS = 0.9
 _AGREE = 0.8
 # Standard deviation of the scale of a camera's gyroscope, which its maker calibrates.
 _SCALE_SIGMA = 0.005
+# Seconds about the middle of a picture whose mean turn is that of a readout.
+_MOMENT = 0.015
 # Times by which the median residual may grow before the pictures contradict the record.
 _MOST_WORSE = 1.1
 
@@ -36,13 +40,9 @@ def use_gyroscope(mapping: Mapping) -> Mapping:
         The run with solution, `turns`, and "gyroscope" of the figures where there is a record.
     """
     solution, records = mapping.solved, mapping.photographs.turns
-    if not records or mapping.photographs.frames is not None:
+    found = _calibrate_records(mapping)
+    if found is None:
         return mapping
-    found = {
-        source: calibration
-        for source, rates in records.items()
-        if (calibration := _calibrate(mapping, solution, rates)) is not None
-    }
     fitting = {source: each for source, each in found.items() if _is_fitting(each)}
     figures: dict[str, Any] = {
         "explained": {source: each.explained for source, each in found.items()}, "used": None,
@@ -75,6 +75,52 @@ def use_gyroscope(mapping: Mapping) -> Mapping:
         f"{1000 * calibration.offset:.0f} ms late"
     )
     return mapping.add_findings({"gyroscope": figures})
+
+
+def sharpen_rates(
+    mapping: Mapping, velocities: tuple[np.ndarray, np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Joins the velocities of a film's images with the turns that its gyroscope recorded.
+
+    Pictures hardly distinguish a turn from a shift; once the turn is measured, the shift is known
+    better. Orientations of stabilised pictures say nothing of a turn within a frame.
+
+    Args:
+        velocities: (N, 6) and their covariances (N, 6, 6), see `estimate_rates`.
+
+    Returns:
+        The same, by both.
+    """
+    found = (_calibrate_records(mapping) or {}).get("gyroscope")
+    if found is None or not _is_fitting(found):
+        return velocities
+    rates, spread = (each.copy() for each in velocities)
+    names, records = mapping.photographs.names, mapping.photographs.turns
+    times = np.array([mapping.photographs.times.get(name, math.nan) for name in names])
+    begin, end = times + found.offset - _MOMENT / 2, times + found.offset + _MOMENT / 2
+    known = np.isfinite(rates).all(axis=1) & np.isfinite(times)
+    axes, recorded = found.camera_from_sensor, np.full((len(rates), 3), np.nan)
+    curve = TurnCurve(records["gyroscope"], found.bias)
+    turns = axes @ curve.find_turns(begin[known], end[known]).rotations @ axes.T
+    recorded[known] = find_rotation_vectors(turns) / (_MOMENT * found.scale)
+    known &= np.isfinite(recorded).all(axis=1)
+    # The bias is as the sensor has it; what its noise adds is far below it.
+    error = axes @ np.diag(found.sigmas[:3] ** 2) @ axes.T
+    turned = spread[known][:, :, 3:]
+    gain = turned @ np.linalg.inv(turned[:, 3:] + error)
+    off = recorded[known] - rates[known, 3:]
+    rates[known] += np.einsum("nij,nj->ni", gain, off)
+    spread[known] -= gain @ turned.transpose(0, 2, 1)
+    return rates, spread
+
+
+def _calibrate_records(mapping: Mapping) -> dict[str, TurnCalibration] | None:
+    """Calibrates each record by the poses; None where there is none, or poses are of a rig."""
+    records = mapping.photographs.turns
+    if not records or mapping.photographs.frames is not None:
+        return None
+    each = {source: _calibrate(mapping, mapping.solved, rates) for source, rates in records.items()}
+    return {source: found for source, found in each.items() if found is not None}
 
 
 def _is_fitting(calibration: TurnCalibration) -> bool:

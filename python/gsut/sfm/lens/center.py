@@ -108,7 +108,7 @@ def describe_center(mapping: Mapping, lens: Camera, known: LensCovariance | None
     elif sigma.max() > _DETERMINED * prior:
         turn = math.degrees(math.atan2(float(sigma.max()), float(lens.params[0])))
         way = "these images leave it open" if is_free else "it was not estimated"
-        mapping.log.note(
+        mapping.log.keep(
             f"the principal point is taken to be near the middle of the picture ({way}): all "
             f"cameras may be turned alike by {turn:.1f} degrees (standard deviation)"
         )

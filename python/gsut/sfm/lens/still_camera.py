@@ -3,30 +3,31 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from gsut import _core
 from gsut._core import SolveError
-from gsut.judge import (
-    Matches,
-    Structure,
-    measure_angular_errors,
-    measure_pixels_per_radian,
-    prefer,
-)
+from gsut.judge import measure_angular_errors, measure_pixels_per_radian
 from gsut.lens import Camera
 from gsut.sfm.lens.candidates import explain_implausible, list_lens_ladder
 from gsut.sfm.lens.ranking import MATCHES, QUICK_PAIRS, choose_informative_pairs
 from gsut.sfm.mapping import Mapping
+from gsut.sfm.matches import ALL_SAME
 
 _TRIED = 3  # lenses, through which rotations explain most, that are adjusted
 _TURN_ERROR = 3.0  # factor on the largest error where a lens is only nearly right
-_MOSTLY = 0.6  # share of a pair's matches, below which no lens near makes a rotation of its motion
-_EXPLAINED = 0.9  # share of what poses explain that rotations must, and of the pairs
-_FEWEST_MATCHES = 20  # that agree with a pose, of a pair that counts
+_MOSTLY = 0.35  # share of a pair's matches, below which no lens near makes a rotation of its motion
+# Share of what poses explain that rotations must: where the camera moved, at most a third.
+_EXPLAINED = 0.75
+_FEWEST_MATCHES = 10  # that agree and were not fitted, of a pair that counts
+# Diagonal over focal length of lenses through which a turn looks like a move along a plane.
+_LEAST_FIELD = 0.6
+_LEAST_PARALLAX = 4.0  # standard deviations of the noise, up to which parallax shows no depth
+_LEAST_NOISE = 0.01  # pixels: no feature is found better
+_ROUNDS_OF_NOISE = 20  # of expectation and maximization, which settle in about ten
 _ROUNDS = 5  # of reweighting, and of adjusting a lens: both settle in three or four
 # Standard deviations of a lens about one of the ladder: logarithm of the focal length, principal
 # point over the diagonal, two radial coefficients.
@@ -35,33 +36,43 @@ _STEP = 1e-4  # of numerical derivatives
 
 
 class _Sample(NamedTuple):
-    """Matches of some pairs of images: (P, 2) images, rows of each pair, (2, M, 2) pixels."""
+    """Matches of some pairs of images: (P, 2) images, rows of each pair, (2, M, 2) pixels.
+
+    Every second match is fitted, and the others judge what was found.
+    """
 
     images: np.ndarray
     pair: np.ndarray
     pixels: np.ndarray
+    fitted: np.ndarray
 
     def take(self, pairs: int) -> _Sample:
         """Returns the matches of the first pairs."""
         kept = self.pair < pairs
-        return _Sample(self.images[:pairs], self.pair[kept], self.pixels[:, kept])
+        return _Sample(
+            self.images[:pairs], self.pair[kept], self.pixels[:, kept], self.fitted[kept]
+        )
 
 
 class _Explained(NamedTuple):
-    """Rays (2, M, 3) through lenses, errors (M,) of poses in pixels, and which matches agree."""
+    """Rays (2, M, 3) through lenses, errors (M,) of poses in pixels, and which matches agree.
+
+    The parallax (M,) is how far a match lies from where points at infinity do, in pixels.
+    """
 
     rays: np.ndarray
     errors: np.ndarray
     agree: np.ndarray
     turned: int
+    parallax: np.ndarray
 
 
 def require_motion(mapping: Mapping) -> None:
     """Rejects images whose camera turned or stood still, so that they have no depth.
 
     Compares rotations of pairs of images with poses that have a translation, each through the lens
-    that suits it best. Errors of a rotation are two-dimensional and count by their root mean
-    square, as those of poses are distances from epipolar planes.
+    that suits it best: fitted to every second match, they are judged by the others. A rotation says
+    where in a picture a match lies; a pose leaves its place along a line open.
 
     Args:
         mapping: with features and raw matches. Several unknown lenses are not looked at.
@@ -78,22 +89,25 @@ def require_motion(mapping: Mapping) -> None:
     limit = mapping.options.max_two_view_error * extent / 1000
     if mapping.found.figures["lens"] == "known":
         found = _explain_by_poses(sample, cameras, limit)
-        turns = [_fit_turns(sample, found, cameras, limit)[0]]
-        poses = [found.errors]
+        turns, poses = [_fit_turns(sample, found, cameras, limit)[0]], [found]
     elif len(photographs.unknown_groups[0].images) == len(photographs):
         turns, poses = _try_lenses(mapping, sample, limit)
     else:
         return
     if turns:
-        by_turns = min(turns, key=lambda errors: _measure_cost(errors, limit))
-        by_poses = min(poses, key=lambda errors: _measure_cost(errors, limit))
-        _compare(sample, by_turns, by_poses, extent, limit)
+        rows = [score_turns(errors, sample.fitted, extent) for errors in turns]
+        by_turns = int(np.argmax([score[sample.fitted].sum() for score in rows]))
+        others = [score_poses(f.errors, f.parallax, sample.fitted, extent) for f in poses]
+        by_poses = int(np.argmax([score[sample.fitted].sum() for score in others]))
+        gain = float((others[by_poses] - rows[by_turns])[~sample.fitted].sum())
+        if gain <= 0:
+            _refuse_turns(sample, turns[by_turns], poses[by_poses].errors, limit)
 
 
 def _try_lenses(
     mapping: Mapping, sample: _Sample, limit: float
-) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Returns the errors (M,) of rotations, and those of poses, through lenses near them."""
+) -> tuple[list[np.ndarray], list[_Explained]]:
+    """Returns the errors (M,) of rotations, and poses, through lenses near them."""
     first, count = mapping.images.cameras[0], len(mapping.photographs)
     ladder = list_lens_ladder(first.width, first.height, mapping.options.fov)
     ladder += [c for c in mapping.photographs.candidates if c.model == ladder[0].model]
@@ -105,36 +119,34 @@ def _try_lenses(
     order = np.argsort(-shares, kind="stable")
     if shares[order[0]] < _MOSTLY:
         return [], []
-    turns, poses = [], [_explain_by_poses(sample, lenses[int(np.argmax(agree))], limit).errors]
+    turns, poses = [], [_explain_by_poses(sample, lenses[int(np.argmax(agree))], limit)]
     for each in order[:_TRIED]:
         lens = _fit_lens(sample, lenses[each], limit)
-        if explain_implausible(lens, mapping.features) is None:
-            found = _explain_by_poses(sample, [lens] * count, limit)
-            poses.append(found.errors)
-            turns.append(_fit_turns(sample, found, [lens] * count, limit)[0])
+        is_narrow = math.hypot(lens.width, lens.height) < _LEAST_FIELD * float(lens.params[0])
+        if not is_narrow and explain_implausible(lens, mapping.features) is None:
+            poses.append(_explain_by_poses(sample, [lens] * count, limit))
+            turns.append(_fit_turns(sample, poses[-1], [lens] * count, limit)[0])
     return turns, poses
 
 
-def _compare(
-    sample: _Sample, turns: np.ndarray, poses: np.ndarray, extent: float, limit: float
-) -> None:
-    """Raises SolveError if rotations explain matches as well as poses do.
+def _refuse_turns(sample: _Sample, turns: np.ndarray, poses: np.ndarray, limit: float) -> None:
+    """Raises SolveError if rotations explain nearly as many matches as poses do.
 
     Args:
-        turns, poses: errors (M,) in pixels.
-        extent, limit: of the images, and the largest error of a right match, in pixels.
+        turns, poses: errors (M,) in pixels, of which those of every second match count.
+        limit: the largest error of a right match, in pixels.
     """
-    matches, count = Matches(sample.images[sample.pair], extent), len(sample.images)
-    preference = prefer(Structure(turns), Structure(poses, free=2 * count), matches)
-    agree = [np.bincount(sample.pair[each < limit], minlength=count) for each in (turns, poses)]
-    seen = agree[1] >= _FEWEST_MATCHES
+    total, held = len(sample.images), ~sample.fitted
+    agree = [np.bincount(sample.pair[held & (e < limit)], minlength=total) for e in (turns, poses)]
+    seen = np.maximum(*agree) >= _FEWEST_MATCHES
     explained, count = int(np.sum(seen & (agree[0] >= _EXPLAINED * agree[1]))), int(seen.sum())
-    few = 2 * count < len(sample.images)
-    if preference.gain > 0 or few or explained < _EXPLAINED * count:
+    if 2 * count < total or agree[0].sum() < _EXPLAINED * agree[1].sum():
         return
     pairs = f"{explained} of {count} pairs of images"
     pixels = f"to {float(np.median(turns[turns < limit])):.1f} px, so there is no depth"
     shift = np.linalg.norm(sample.pixels[1] - sample.pixels[0], axis=1)
+    if not shift.any():
+        raise SolveError(ALL_SAME)
     if float(np.median(shift)) < limit:
         raise SolveError(
             f"the camera did not move: {pairs} show the same view {pixels}; walk around what you "
@@ -148,15 +160,83 @@ def _compare(
     )
 
 
-def _measure_cost(errors: np.ndarray, limit: float) -> float:
-    """Returns a robust mean of errors, which are wrong matches beyond the limit."""
-    return float(np.mean(np.minimum(np.nan_to_num(errors / limit, nan=np.inf), 1.0) ** 2))
+def score_turns(errors: np.ndarray, fitted: np.ndarray, extent: float) -> np.ndarray:
+    """Returns the log-likelihood of matches by rotations, over that of wrong matches, in nats.
+
+    Args:
+        errors: (M,) root mean squares of two directions, in pixels.
+        fitted: (M,) which the noise is estimated from.
+        extent: pixels over which wrong matches spread.
+    """
+    noise = [max(_find_median(errors[fitted]), _LEAST_NOISE)]
+
+    def evaluate() -> np.ndarray:
+        return np.exp(-((errors / noise[0]) ** 2)) / (2 * np.pi * noise[0] ** 2)
+
+    def update(weights: np.ndarray) -> None:
+        noise[0] = max(math.sqrt(weights @ np.nan_to_num(errors) ** 2), _LEAST_NOISE)
+
+    return _score_mixture(evaluate, update, fitted, extent)
+
+
+def score_poses(
+    errors: np.ndarray, parallax: np.ndarray, fitted: np.ndarray, extent: float
+) -> np.ndarray:
+    """Returns what `score_turns` does, by poses with translation.
+
+    Args:
+        errors: (M,) from epipolar planes, in pixels.
+        parallax: (M,) from where points at infinity would be, in pixels.
+        fitted, extent: see `score_turns`.
+    """
+    noise = [max(_find_median(errors[fitted]), _LEAST_NOISE)]
+    reach = [max(_find_median(parallax[fitted]), _LEAST_PARALLAX * noise[0])]
+
+    def evaluate() -> np.ndarray:
+        across = np.exp(-0.5 * (errors / noise[0]) ** 2) / (math.sqrt(2 * np.pi) * noise[0])
+        return across * np.exp(-parallax / reach[0]) / reach[0]
+
+    def update(weights: np.ndarray) -> None:
+        noise[0] = max(math.sqrt(weights @ np.nan_to_num(errors) ** 2), _LEAST_NOISE)
+        reach[0] = max(float(weights @ np.nan_to_num(parallax)), _LEAST_PARALLAX * noise[0])
+
+    return _score_mixture(evaluate, update, fitted, extent)
+
+
+def _find_median(values: np.ndarray) -> float:
+    """Returns the median of finite values; 0 without any."""
+    known = values[np.isfinite(values)]
+    return float(np.median(known)) if len(known) else 0.0
+
+
+def _score_mixture(
+    evaluate: Callable[[], np.ndarray],
+    update: Callable[[np.ndarray], None],
+    fitted: np.ndarray,
+    extent: float,
+) -> np.ndarray:
+    """Returns the log-likelihood of right and wrong matches by expectation and maximization.
+
+    Args:
+        evaluate: returns the density of right matches.
+        update: sets its parameters by the weights (M,) of right matches, whose sum is 1.
+        fitted, extent: see `score_turns`.
+    """
+    share = 0.5
+    for _ in range(_ROUNDS_OF_NOISE):
+        right = share * np.nan_to_num(evaluate())
+        weights = fitted * right / (right + (1 - share) / extent**2)
+        share = float(weights.sum() / max(1, fitted.sum()))
+        update(weights / max(float(weights.sum()), 1.0))
+    return np.log(1 - share + share * np.nan_to_num(evaluate()) * extent**2)
 
 
 def _choose_sample(mapping: Mapping) -> _Sample:
     """Chooses matches of pairs whose displacements differ most, spread over the images."""
     features, raw = mapping.features, mapping.raw
     chosen = choose_informative_pairs(features, raw)
+    if not len(chosen):  # nothing moves at all
+        chosen = np.argsort([-len(each) for each in raw.matches], kind="stable")[:QUICK_PAIRS]
     images = np.asarray(raw.pairs)[chosen].reshape(-1, 2)
     rows = [raw.matches[i][:MATCHES] for i in chosen]
     pair = np.repeat(np.arange(len(rows)), [len(each) for each in rows])
@@ -164,7 +244,8 @@ def _choose_sample(mapping: Mapping) -> _Sample:
     for side in range(2):
         for i, each in enumerate(rows):
             pixels[side, pair == i] = features[images[i, side]].pixels[each[:, side]]
-    return _Sample(images, pair, pixels)
+    number = np.concatenate([np.arange(len(each)) for each in rows] or [np.zeros(0, int)])
+    return _Sample(images, pair, pixels, number % 2 == 0)
 
 
 def _find_rays(sample: _Sample, lenses: Sequence[Camera]) -> np.ndarray:
@@ -184,7 +265,8 @@ def _explain_by_poses(sample: _Sample, lenses: Sequence[Camera], limit: float) -
     """Explains the matches of each pair by a relative pose with translation."""
     rays = _find_rays(sample, lenses)
     seen = np.isfinite(rays).all(axis=(0, 2))
-    numbers = [np.flatnonzero(seen & (sample.pair == i)) for i in range(len(sample.images))]
+    fitted = seen & sample.fitted
+    numbers = [np.flatnonzero(fitted & (sample.pair == i)) for i in range(len(sample.images))]
     bearings, rows = [], []
     for (a, b), own in zip(sample.images, numbers, strict=True):
         bearings += [
@@ -195,15 +277,20 @@ def _explain_by_poses(sample: _Sample, lenses: Sequence[Camera], limit: float) -
     ends = np.arange(2 * len(numbers)).reshape(-1, 2)
     found = _core.verify_pairs(bearings, ends, rows, limit, 0)
     errors, agree, turned = np.full(len(seen), np.nan), np.zeros(len(seen), bool), 0
+    parallax = errors.copy()
     scale = measure_pixels_per_radian(lenses[0])
-    for own, (inliers, pose, turns, *_) in zip(numbers, found, strict=True):
+    for i, (inliers, pose, turns, *_) in enumerate(found):
         if not inliers.any():
             continue
-        agree[own], turned = inliers, turned + turns
+        agree[numbers[i]], turned = inliers, turned + turns
+        own = np.flatnonzero(seen & (sample.pair == i))
         poses = np.tile(np.eye(4), (2, len(own), 1, 1))
         poses[1] = np.linalg.inv(pose)
         errors[own] = scale * measure_angular_errors(rays[:, own], poses)
-    return _Explained(rays, errors, agree, turned)
+        ahead = rays[0, own] @ pose[:3, :3].T
+        apart = np.linalg.norm(np.cross(ahead, rays[1, own]), axis=1)
+        parallax[own] = scale * apart / math.sqrt(2)  # of both rays, as errors are
+    return _Explained(rays, errors, agree, turned, parallax)
 
 
 def _fit_turns(
@@ -222,7 +309,7 @@ def _fit_turns(
         turned = np.einsum("mij,mj->mi", (u @ vt)[sample.pair], one)
         residuals = scale * np.cross(turned, two)
         errors = np.linalg.norm(residuals, axis=1) / 2  # of its two directions, and of both rays
-        weights = 1 / (1 + (errors / limit) ** 2) ** 2
+        weights = sample.fitted / (1 + (errors / limit) ** 2) ** 2
     errors[~np.isfinite(found.rays).all(axis=(0, 2))] = np.nan
     return errors, residuals, np.where(np.isfinite(errors), weights, 0.0)
 

@@ -41,9 +41,13 @@ class PosesLog:
     def note(self, *texts: str) -> None:
         """Keeps and reports notes, one sentence each."""
         for text in texts:
-            self.notes.append(text)
+            self.keep(text)
             if self._on_note is not None:
                 self._on_note(text)
+
+    def keep(self, text: str) -> None:
+        """Keeps a note for the report alone: nothing need be done about it."""
+        self.notes.append(text)
 
     def show(self, stage: str, done: int, total: int, text: str) -> None:
         """Reports progress, which never falls within a stage even if its work starts again."""

@@ -17,6 +17,7 @@ from gsut.sfm.matches.selection import (
     select_verified_pairs,
 )
 from gsut.sfm.matches.verification import (
+    ALL_SAME,
     ROLLING_ERROR,
     explain_failure,
     measure_pictures,
@@ -25,6 +26,7 @@ from gsut.sfm.matches.verification import (
 )
 
 __all__ = [
+    "ALL_SAME",
     "MAX_DISTANCE",
     "MAX_RATIO",
     "ROLLING_ERROR",

@@ -33,6 +33,9 @@ _FEW_FEATURES = 500  # of a picture that is blurred, dark or without texture
 _FEWEST_MATCHES = 20  # verified, of a pair that is used
 # Factor on the largest errors under a rolling shutter, until velocities are estimated.
 ROLLING_ERROR = 12.0
+ALL_SAME = (
+    "all images are the same: matched features do not move; give photographs from different places"
+)
 
 
 def verify_matches(
@@ -181,10 +184,7 @@ def require_overlap(images: Images, pairs: Sequence[PairMatches], *, is_lens_kno
     if any(pair.rotation_matches <= _TURNED_SHARE * len(pair.matches) for pair in pairs):
         return
     if np.degrees(np.median(parallax)) < _SAME_PARALLAX or all(map(_is_same_view, pairs)):
-        raise SolveError(
-            "all images are the same: matched features do not move; give photographs from "
-            "different places"
-        )
+        raise SolveError(ALL_SAME)
     raise SolveError(
         f"in all {len(pairs)} overlapping pairs the camera only turned, so there is no depth; walk "
         "between the photographs instead of turning on the spot"

@@ -13,7 +13,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data import Frame, list_some, write_transforms
-from gsut.data.colmap import ColmapImage, ColmapModel, format_model_texts
+from gsut.data.colmap import ColmapImage, ColmapModel, RigPlace, format_model_texts, hold_rigs
 from gsut.data.points import format_points_ply
 from gsut.data.poses import invert_pose
 from gsut.files import read_json, register_reader, write_file
@@ -100,15 +100,15 @@ def write_dataset(
     frames = _list_frames(solution, photographs)
     write_transforms(out / TRANSFORMS, frames, points_file=POINTS, up=up)
     try:
-        texts = _format_colmap(solution)
+        texts, notes = _format_colmap(solution, photographs)
     except InputError as error:
         return [f"{COLMAP} was not written: {error}"]
     (out / COLMAP).mkdir(parents=True, exist_ok=True)
     for name, text in texts.items():
         write_file(out / COLMAP / name, text)
     if solution.shutter is not None:
-        return [f"{COLMAP} has the pose in the middle of each readout: COLMAP knows no other"]
-    return []
+        notes.append(f"{COLMAP} has the pose in the middle of each readout: COLMAP knows no other")
+    return notes
 
 
 def _list_frames(solution: Solution, photographs: Photographs) -> list[Frame]:
@@ -134,8 +134,11 @@ def _list_frames(solution: Solution, photographs: Photographs) -> list[Frame]:
     return [f for f, registered in zip(frames, solution.registered, strict=True) if registered]
 
 
-def _format_colmap(solution: Solution) -> dict[str, str]:
-    """Formats cameras.txt, images.txt and points3D.txt; images and points count from 1."""
+def _format_colmap(
+    solution: Solution, photographs: Photographs
+) -> tuple[dict[str, str], list[str]]:
+    """Formats a model's texts, those of its rig too, and notes; images and points count from 1."""
+    frames, on_rig = photographs.frames, photographs.rig_cameras
     rows: list[list[int]] = [[] for _ in solution.names]
     for row, (_, image, _) in enumerate(solution.observations):
         rows[image].append(row)
@@ -143,12 +146,15 @@ def _format_colmap(solution: Solution) -> dict[str, str]:
         ColmapImage(
             i + 1, name, solution.cameras[i], solution.camera_from_world[i],
             np.reshape(solution.pixels[rows[i]], (-1, 2)), solution.observations[rows[i], 0],
+            None if frames is None or on_rig is None
+            else RigPlace(1, int(on_rig[i]), int(frames[i])),
         )
         for i, name in enumerate(solution.names)
         if solution.registered[i]
     ]  # fmt: skip
-    model = ColmapModel(images, solution.points, solution.colors, solution.point_errors)
-    return format_model_texts(model)
+    held, notes = hold_rigs(images)
+    model = ColmapModel(held, solution.points, solution.colors, solution.point_errors)
+    return format_model_texts(model), notes
 
 
 def list_figures(

@@ -15,6 +15,7 @@ import numpy as np
 
 from gsut._core import Shutter, SolveError
 from gsut.lens import Camera
+from gsut.sfm.gyroscope import sharpen_rates
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import PairMatches, choose_connected_pairs, keep_most_distinct
 from gsut.sfm.photographs import ImageLines
@@ -96,7 +97,7 @@ def find_shutter(mapping: Mapping) -> Mapping:
         lines = find_video_shutter(mapping)
         mapping = mapping.complete_solution(lines.solution)
         solution = mapping.solved
-        mapping.log.note(lines.describe())
+        (mapping.log.keep if solution.shutter is None else mapping.log.note)(lines.describe())
         found = lines.readout
         if lines.signs is not None:
             figures["shutter_signs"] = lines.signs
@@ -128,8 +129,7 @@ def _note_readout(mapping: Mapping) -> dict[str, Any]:
     solution, flows = mapping.solved, mapping.photographs.flows
     if not flows or len(set(solution.cameras)) > 1:
         return {}
-    rates = estimate_rates(solution, flows)
-    order, signs = find_line_order(mapping, rates, mapping.one_lens_free)
+    order, signs = find_line_order(mapping, estimate_velocities(mapping), mapping.one_lens_free)
     if order is not None:
         way = order.shutter.direction.replace("_", " ")
         mapping.log.note(
@@ -138,6 +138,11 @@ def _note_readout(mapping: Mapping) -> dict[str, Any]:
             "deviations): leave it out, and the readout time is found"
         )
     return {} if signs is None else {"shutter_signs": signs}
+
+
+def estimate_velocities(mapping: Mapping) -> tuple[np.ndarray, np.ndarray]:
+    """Estimates velocities of the images, see `estimate_rates`, by the gyroscope too."""
+    return sharpen_rates(mapping, estimate_rates(mapping.solved, mapping.photographs.flows))
 
 
 def find_video_shutter(mapping: Mapping) -> VideoShutter:
@@ -149,7 +154,7 @@ def find_video_shutter(mapping: Mapping) -> VideoShutter:
     solution, options = mapping.solved, mapping.options
     if len(set(solution.cameras)) > 1:
         return VideoShutter(solution, None)
-    rates, spread = estimate_rates(solution, mapping.photographs.flows)
+    rates, spread = estimate_velocities(mapping)
     order, signs = find_line_order(mapping, (rates, spread), mapping.one_lens_free)
     nothing = VideoShutter(solution, None, signs)
     order = order or _find_order_by_matches(mapping, rates)

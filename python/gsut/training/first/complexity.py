@@ -33,6 +33,7 @@ class Complexity:
         fewer: whether it is below the preset's.
         steps: of the training.
         fewer_steps: by how much this is below the preset's number of steps.
+        outgrown: whether Gaussians outgrow the most for a while, which takes the time of steps.
         degree_because: how the degree was chosen, in words; "" if the options give it.
     """
 
@@ -43,6 +44,7 @@ class Complexity:
     fewer: bool = False
     steps: int = 0
     fewer_steps: int = 0
+    outgrown: bool = False
     degree_because: str = ""
 
     def __str__(self) -> str:
@@ -55,10 +57,17 @@ class Complexity:
         """Yields a sentence for the steps and one for the harmonics where the preset has others."""
         if self.fewer_steps:
             preset = self.steps + self.fewer_steps
-            yield (
-                f"{self.views} photographs: {self.steps} steps, for which the preset has {preset}; "
-                "more would not show other views better (--steps)"
-            )
+            instead = f"{self.steps} steps, for which the preset has {preset}"
+            if self.outgrown:
+                yield (
+                    f"{self.views} photographs, at most {self.max_gaussians:,} Gaussians: {instead}"
+                    "; they outgrow this number for a while, which takes time (--steps)"
+                )
+            else:
+                yield (
+                    f"{self.views} photographs: {instead}; more would not show other views better "
+                    "(--steps)"
+                )
         if self.degree_because:
             yield self.degree_because
 
@@ -92,7 +101,7 @@ def choose_complexity(
     fewer_steps = preset - options.steps if is_from_preset(options, "steps") else 0
     chosen = Complexity(
         most, options.sh_degree, views, steps=options.steps, fewer_steps=fewer_steps,
-        degree_because=degree_because,
+        outgrown=options.recipe.overgrowth > 1.0, degree_because=degree_because,
     )  # fmt: skip
     if options.max_gaussians == AUTO:
         chosen = _bound_number(scene, chosen)

@@ -106,11 +106,14 @@ class TrainingRecord:
     def _announce(self, loop: TrainingLoop) -> None:
         """Says how much a training has to do."""
         o, threads = self._options, num_threads()
+        most = loop.options.max_gaussians
+        peak = round(loop.recipe.overgrowth * most)
+        before = f" ({peak:,} before they are merged)" if peak > most else ""
         sizes = {(camera.width, camera.height) for camera in loop.scene.cameras}
         size = " x ".join(map(str, max(sizes))) if sizes else "no size"
         self.note(
             f"{o.steps - loop.step:,} steps of {size} pixels with up to "
-            f"{loop.options.max_gaussians:,} Gaussians on {threads} "
+            f"{most:,} Gaussians{before} on {threads} "
             f"processor{'s' if threads > 1 else ''}"
         )
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from gsut._core import InputError
 from gsut.data import Scene
 from gsut.data.scene import find_bad_maps, project_points, read_depth
 from gsut.run import TrainOptions
@@ -21,6 +22,12 @@ _HIDES = 1.2
 _IN_CELL = 8
 # Share of the weight that is left at the last step (3DGS's depth regularisation).
 _LAST = 0.01
+# Cosine to the axis above which z and the distance along a ray differ too little to decide.
+_NEAR_AXIS = 0.97
+# Points that must be seen off the axis before they decide.
+_FEWEST_POINTS = 50
+# Median relative difference to the points below which files agree with them.
+_AGREES = 0.02
 
 
 def anneal(fraction: float) -> float:
@@ -33,6 +40,41 @@ def check_maps(scene: Scene, options: TrainOptions) -> None:
     depth = KnownDepth(scene, options.known_depth).source == "files"
     for error in find_bad_maps(scene, depth) if options.surface else ():
         raise error
+    if options.surface and depth and has_z_depths(scene):
+        raise InputError(
+            f"{scene.path}: its depth files agree with its points as z along the camera's axis, "
+            "and gsut reads distances along the ray: divide each by "
+            "gsut.rendering.z_from_distance(ones, camera) and save it as .npy; or leave out "
+            "'depth_file_path' to train with the points"
+        )
+
+
+def has_z_depths(scene: Scene) -> bool:
+    """Returns whether depth files hold z instead of distances, judged by the scene's points.
+
+    Files agree with the points as z and not as distances, off the axis, where the two differ.
+    """
+    logs, cosines = [np.zeros(0)], [np.zeros(0)]
+    for view in scene.train_indices:
+        depth = read_depth(scene, view) if scene.views[view].depth_path is not None else None
+        if depth is None or not len(scene.points):
+            continue
+        places, distances = _find_visible_points(scene, view)
+        rays = np.asarray(scene.camera(view).rays()[0])
+        columns, rows = (places * rays.shape[1::-1]).astype(np.int64).T
+        ray = rays[rows, columns]
+        columns, rows = (places * depth.shape[::-1]).astype(np.int64).T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            cosine = ray[:, 2] / np.linalg.norm(ray, axis=1)
+            log = np.log(depth[rows, columns] / distances)
+        known = np.isfinite(log) & (cosine > 0) & (cosine < _NEAR_AXIS)
+        logs.append(log[known])
+        cosines.append(cosine[known])
+    log, cosine = np.concatenate(logs), np.concatenate(cosines)
+    if len(log) < _FEWEST_POINTS:
+        return False
+    as_distance, as_z = np.median(np.abs(log)), np.median(np.abs(log - np.log(cosine)))
+    return bool(as_z < _AGREES < as_distance)
 
 
 class KnownDepth:
