@@ -102,16 +102,16 @@ def estimate_covariance(
         normal = normals.sum(axis=0)
         diagonal = np.diag(normal)
         if not (diagonal > 0).all():
-            raise _report_undetermined()
+            raise report_undetermined()
         scale = 1 / np.sqrt(diagonal)
         units = np.outer(scale, scale)
         if not np.linalg.eigvalsh(normal * units)[0] > _SINGULAR:
-            raise _report_undetermined()
+            raise report_undetermined()
         others = (normal - _LEFT_OUT * normals) * units
         moved = scale * np.linalg.solve(others, (scale * rights)[:, :, None])[:, :, 0]
         covariance += (count - 1) / count * moved.T @ moved
     if not np.linalg.eigvalsh(covariance / units)[0] > 0:
-        raise _report_undetermined()
+        raise report_undetermined()
     return covariance
 
 
@@ -150,7 +150,7 @@ def compute_square(vector: np.ndarray, covariance: np.ndarray) -> float:
     return float(vector @ np.linalg.solve(covariance, vector)) / len(vector)
 
 
-def _report_undetermined() -> SolveError:
+def report_undetermined() -> SolveError:
     return SolveError("the photograph does not determine its pose: too little of it shows texture")
 
 

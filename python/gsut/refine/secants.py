@@ -26,6 +26,7 @@ from gsut.refine.pixel_rows import (
     compute_square,
     estimate_covariance,
     find_line_times,
+    report_undetermined,
     weigh_equations,
 )
 from gsut.render import DEFAULT_UNSCENTED, render
@@ -302,7 +303,13 @@ class _Problem:
         return best, self.list_rows(best, measured)
 
     def find_lower(self, at: np.ndarray, step: np.ndarray) -> np.ndarray | None:
-        """Returns the unknowns after a step or half of it if the cost is lower there."""
+        """Returns the unknowns after a step or half of it if the cost is lower there.
+
+        Raises:
+            SolveError: the step is not finite, since rounding hides an axis of the errors.
+        """
+        if not np.isfinite(step).all():
+            raise report_undetermined()
         least = _compute_loss(self.compare(at))
         tried = (at + share * step for share in (1.0, 0.5))
         return next((to for to in tried if _compute_loss(self.compare(to)) < least), None)
