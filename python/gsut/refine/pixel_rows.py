@@ -23,6 +23,8 @@ _LEFT_OUT = 0.99
 # direction counts as undetermined.
 _SINGULAR = 1e-12
 POSE = 6  # unknowns of a pose: centre (world axes), rotation vector (camera axes)
+# Colour difference beyond which a pixel counts less (Huber).
+LOSS_SCALE = 0.1
 
 
 @dataclasses.dataclass(frozen=True)
@@ -148,6 +150,13 @@ def measure_unmodelled_motion(rows: PixelRows, shutter: Shutter) -> float:
 def compute_square(vector: np.ndarray, covariance: np.ndarray) -> float:
     """Returns the square of a vector by its covariance, per component."""
     return float(vector @ np.linalg.solve(covariance, vector)) / len(vector)
+
+
+def compute_losses(residuals: np.ndarray) -> np.ndarray:
+    """Computes Huber's loss (N,) of colour differences (N, 3)."""
+    length = np.linalg.norm(residuals, axis=1)
+    inner = np.minimum(length, LOSS_SCALE)
+    return inner * (2 * length - inner)
 
 
 def report_undetermined() -> SolveError:
