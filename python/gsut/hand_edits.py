@@ -139,9 +139,7 @@ def apply_edit(gaussians: Gaussians, before: Edited, edit: Mapping[str, Any]) ->
     return Edited(kept, selected & ~found if edit.get("subtract") else selected | found)
 
 
-def _find_in_region(
-    gaussians: Gaussians, kept: np.ndarray, edit: Mapping[str, Any]
-) -> np.ndarray:  # fmt: skip
+def _find_in_region(gaussians: Gaussians, kept: np.ndarray, edit: Mapping[str, Any]) -> np.ndarray:
     """Finds (N,) bool whose centres lie in the region of an edit."""
     camera = camera_from_values(edit["lens"])
     pose = check_rigid(edit["camera_from_world"], "camera_from_world")

@@ -35,8 +35,8 @@ class PageEdits {
     const texts = steps.map((step) => JSON.stringify(step)), same = texts.findIndex((text, k) => this.done[k]?.text !== text);
     this.done.length = Math.min(this.done.length, same < 0 ? texts.length : same);
     await this.paint();
-    for (const step of steps.slice(this.done.length)) {
-      this.done.push({ text: JSON.stringify(step), ...(await this.applyOne(step)) });
+    for (let k = this.done.length; k < steps.length; k++) {
+      this.done.push({ text: texts[k], ...(await this.applyOne(steps[k])) });
       await this.paint();
     }
     const { kept, selected } = this.state, count = (marks) => marks.reduce((sum, mark) => sum + mark, 0);
