@@ -7,6 +7,7 @@ from pathlib import Path
 
 from gsut._core import InputError
 from gsut.check.colors import check_colors
+from gsut.check.depths import check_depths
 from gsut.check.evidence import gather_evidence
 from gsut.check.findings import Finding, finding_from_error, has_errors, sort_findings
 from gsut.check.geometry import check_lenses, check_points, check_poses
@@ -52,6 +53,8 @@ def check_against_photographs(
     if has_errors(findings):
         return findings  # whatever else is wrong follows from it
     points = check_points_frame(scene, evidence)
+    if not points:
+        findings += check_depths(scene, evidence)
     if points or color_views is None:
         return [*findings, *points]
     return [*findings, *check_colors(scene, views=color_views, progress=False)]

@@ -18,6 +18,9 @@ _UNITS = {  # points' unit over the poses' -> names of both
     100.0: ("centimetres", "metres"),
     1e3: ("millimetres", "metres"),
 }
+_SCALES = tuple(10.0**power for power in range(-6, 7) if power)  # without a name of their own
+_NEAR_SCALES = 2.0 ** np.linspace(-2, 2, 17)  # times the ratio of spreads, which is inexact
+_OTHER_SCALE = 30.0  # ratio of spreads that points far behind what matches show do not reach
 _NEAR_UNIT = 2.5  # factor within which a ratio of distances counts as the ratio of two units
 _COLOR_GAIN = 0.2  # correlation that another unit, or other axes, must gain
 _VIEWS = 5  # whose colours are compared: enough for a median
@@ -51,7 +54,8 @@ def check_points_frame(scene: Scene, evidence: Evidence | None) -> list[Finding]
         elif ratio is not None and 1 / _NEAR_UNIT < ratio / unit < _NEAR_UNIT:
             seen = f"the points spread {ratio:.3g} times as far as the things that the photographs"
             return [_name_unit(where, unit, f"{seen} show")]
-    return [] if colors is None else _try_other_axes(colors, where)
+    found = [] if colors is None else _try_other_axes(colors, where)
+    return found or _try_other_scales(colors, ratio, where)
 
 
 def _name_unit(where: str, unit: float, seen: str) -> Finding:
@@ -110,6 +114,25 @@ def _try_other_axes(colors: _PointColors, where: str) -> list[Finding]:
             f"write the points' coordinates as {text}: they are in other axes than the poses",
         )
     ]
+
+
+def _try_other_scales(
+    colors: _PointColors | None, ratio: float | None, where: str
+) -> list[Finding]:
+    """Tries scales that are no unit's, and names that of the colours or that of the matches."""
+    advice = "multiply the points by {:.3g}, or scale the poses' positions, so that both are of one "
+    advice += "model"
+    if colors is not None:
+        near = [] if ratio is None else (ratio * _NEAR_SCALES).tolist()
+        value, scale = max((colors.correlate(np.eye(3) / each), each) for each in (*_SCALES, *near))
+        if value >= max(EXPECTED_R, colors.given + _COLOR_GAIN):
+            what = f"the points' colours agree with the photographs at r = {value:.2f} if they are "
+            what += f"multiplied by {1 / scale:.3g}, as they are at {colors.given:.2f}"
+            return [Finding("error", where, what, advice.format(1 / scale))]
+    if ratio is None or 1 / _OTHER_SCALE < ratio < _OTHER_SCALE:
+        return []
+    what = f"the points spread {ratio:.3g} times as far as the things that the photographs show"
+    return [Finding("warning", where, what, advice.format(1 / ratio))]
 
 
 def _name_axes(axes: np.ndarray) -> str:

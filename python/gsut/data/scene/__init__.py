@@ -1,7 +1,12 @@
 """A dataset in memory: `Scene` and its views, their split, shutter, depths and normals."""
 
 from gsut.data.scene.digests import capture_state, describe_changes, digest_scene
-from gsut.data.scene.lines import find_line_times, interpolate_poses, project_points
+from gsut.data.scene.lines import (
+    find_line_times,
+    find_visible_points,
+    interpolate_poses,
+    project_points,
+)
 from gsut.data.scene.maps import MILLIMETRE, find_bad_maps, read_depth, read_normals
 from gsut.data.scene.scene import Scene, View, keep_at_most
 from gsut.data.scene.shutter import order_frames, split_last_number, with_shutter
@@ -25,6 +30,7 @@ __all__ = [
     "find_line_times",
     "find_up",
     "find_upright_poses",
+    "find_visible_points",
     "hold_out_views",
     "interpolate_poses",
     "keep_at_most",

@@ -11,23 +11,13 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
+from gsut.check import check_depths
 from gsut.data import Scene
-from gsut.data.scene import find_bad_maps, project_points, read_depth
+from gsut.data.scene import find_bad_maps, find_visible_points, read_depth
 from gsut.run import TrainOptions
 
-# A point is hidden if it is this many times as far as the nearest one in its cell of the image:
-# surfaces seen at a slant span less within a cell.
-_HIDES = 1.2
-# Points in a cell on average: enough that one of them lies on the nearest surface.
-_IN_CELL = 8
 # Share of the weight that is left at the last step (3DGS's depth regularisation).
 _LAST = 0.01
-# Cosine to the axis above which z and the distance along a ray differ too little to decide.
-_NEAR_AXIS = 0.97
-# Points that must be seen off the axis before they decide.
-_FEWEST_POINTS = 50
-# Median relative difference to the points below which files agree with them.
-_AGREES = 0.02
 
 
 def anneal(fraction: float) -> float:
@@ -40,41 +30,8 @@ def check_maps(scene: Scene, options: TrainOptions) -> None:
     depth = KnownDepth(scene, options.known_depth).source == "files"
     for error in find_bad_maps(scene, depth) if options.surface else ():
         raise error
-    if options.surface and depth and has_z_depths(scene):
-        raise InputError(
-            f"{scene.path}: its depth files agree with its points as z along the camera's axis, "
-            "and gsut reads distances along the ray: divide each by "
-            "gsut.rendering.z_from_distance(ones, camera) and save it as .npy; or leave out "
-            "'depth_file_path' to train with the points"
-        )
-
-
-def has_z_depths(scene: Scene) -> bool:
-    """Returns whether depth files hold z instead of distances, judged by the scene's points.
-
-    Files agree with the points as z and not as distances, off the axis, where the two differ.
-    """
-    logs, cosines = [np.zeros(0)], [np.zeros(0)]
-    for view in scene.train_indices:
-        depth = read_depth(scene, view) if scene.views[view].depth_path is not None else None
-        if depth is None or not len(scene.points):
-            continue
-        places, distances = _find_visible_points(scene, view)
-        rays = np.asarray(scene.camera(view).rays()[0])
-        columns, rows = (places * rays.shape[1::-1]).astype(np.int64).T
-        ray = rays[rows, columns]
-        columns, rows = (places * depth.shape[::-1]).astype(np.int64).T
-        with np.errstate(divide="ignore", invalid="ignore"):
-            cosine = ray[:, 2] / np.linalg.norm(ray, axis=1)
-            log = np.log(depth[rows, columns] / distances)
-        known = np.isfinite(log) & (cosine > 0) & (cosine < _NEAR_AXIS)
-        logs.append(log[known])
-        cosines.append(cosine[known])
-    log, cosine = np.concatenate(logs), np.concatenate(cosines)
-    if len(log) < _FEWEST_POINTS:
-        return False
-    as_distance, as_z = np.median(np.abs(log)), np.median(np.abs(log - np.log(cosine)))
-    return bool(as_z < _AGREES < as_distance)
+    for found in check_depths(scene, None) if options.surface and depth else ():
+        raise InputError(f"{found.where}: {found.what}; {found.advice}")
 
 
 class KnownDepth:
@@ -107,7 +64,7 @@ class KnownDepth:
         if self.source == "off":
             return None
         if view not in self._seen:
-            read = _read_file if self.source == "files" else _find_visible_points
+            read = _read_file if self.source == "files" else find_visible_points
             self._seen[view] = read(scene, view)
         places, distances = self._seen[view]
         if not len(distances):
@@ -131,24 +88,3 @@ def _read_file(scene: Scene, view: int) -> tuple[np.ndarray, np.ndarray]:
     rows, columns = np.nonzero(np.isfinite(depth) & (depth > 0))
     places = (np.stack([columns, rows], axis=1) + 0.5) / depth.shape[::-1]
     return places, depth[rows, columns]
-
-
-def _find_visible_points(scene: Scene, view: int) -> tuple[np.ndarray, np.ndarray]:
-    """Returns places (n, 2) as shares of the image size and distances (n,), farthest first."""
-    camera, motion = scene.camera(view), scene.views[view].motion
-    in_camera, pixels, valid = project_points(camera, motion, scene.points)
-    size = np.array([camera.width, camera.height])
-    with np.errstate(invalid="ignore"):
-        valid = valid & np.all((pixels >= 0) & (pixels < size), axis=1)
-    places = np.where(valid[:, None], pixels, 0.0)
-    column, row = places.astype(np.int64).T
-    valid &= scene.mask(view)[row, column]
-    distances = np.linalg.norm(in_camera[valid] - camera.origins()[row, column][valid], axis=1)
-    places = places[valid] / size
-    cells = max(1, int(np.sqrt(len(places) / _IN_CELL)))
-    cell = np.floor(places * cells).astype(np.int64) @ np.array([1, cells])
-    nearest = np.full(cells * cells, np.inf)
-    np.minimum.at(nearest, cell, distances)
-    seen = np.flatnonzero(distances <= _HIDES * nearest[cell])
-    seen = seen[np.argsort(-distances[seen], kind="stable")]  # the nearest of a pixel comes last
-    return places[seen], distances[seen]
