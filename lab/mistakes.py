@@ -444,7 +444,6 @@ MISTAKES: tuple[Mistake, ...] = (
             _depths(lambda d, _: 1e3 * d), needs_points=True),
     Mistake("depths as z", ("as z along",), _depths(lambda d, c: d * c), needs_points=True),
     Mistake("depths inverse", ("the inverse of",), _depths(lambda d, _: 1 / d), needs_points=True),
-    Mistake("depths exact", ("none",), _depths(lambda d, _: d), needs_points=True),
     Mistake("positions in millimetres", ("millimetres",),
             _each_pose(_scaled_positions(1e3)),
             needs_points=True),

@@ -138,3 +138,12 @@ def test_interrupt_of_a_command_says_what_is_kept(tmp_path, monkeypatch, capsys)
     words = ["convert", str(tmp_path / "a.ply"), str(tmp_path / "b.ply")]
     assert main(words) == EXIT_INTERRUPTED
     assert "no file was left half-written" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(os.name == "nt", reason="no signal ends a process there")
+def test_interrupt_while_modules_are_imported_is_one_line():
+    code = "import sys; sys.argv = ['gsut']\nfrom gsut import _starting\n"
+    code += "import os, signal\nos.kill(os.getpid(), signal.SIGINT)\nprint('went on')"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert done.returncode == EXIT_INTERRUPTED
+    assert done.stdout == "" and done.stderr == "gsut: interrupted; nothing was started\n"

@@ -192,9 +192,7 @@ class Evidence:
     @property
     def _poses(self) -> np.ndarray:
         """The given poses (2, M, 4, 4) of the matches."""
-        return self.given.poses[
-            self.views, self.moments if self.given.poses.shape[1] > 1 else 0
-        ]
+        return self.given.poses[self.views, self.moments if self.given.poses.shape[1] > 1 else 0]
 
     def triangulate(self) -> np.ndarray:
         """Returns the points (N, 3) of matches that fit the given dataset, in the world."""

@@ -120,7 +120,9 @@ def _try_other_scales(
     colors: _PointColors | None, ratio: float | None, where: str
 ) -> list[Finding]:
     """Tries scales that are no unit's, and names that of the colours or that of the matches."""
-    advice = "multiply the points by {:.3g}, or scale the poses' positions, so that both are of one "
+    advice = (
+        "multiply the points by {:.3g}, or scale the poses' positions, so that both are of one "
+    )
     advice += "model"
     if colors is not None:
         near = [] if ratio is None else (ratio * _NEAR_SCALES).tolist()
