@@ -251,7 +251,7 @@ def test_doctor_and_training_name_the_unit_of_depths(change, words, tmp_path):
     said = [each.what for each in gsut.doctor(scene) if "depth files" in each.what]
     assert len(said) == (words != "") and words in "".join(said), said
     if words:
-        with pytest.raises(InputError, match="depth files.*poses' unit"):
+        with pytest.raises(InputError, match=r"depth files.*poses' unit"):
             check_maps(scene, gsut.TrainOptions(surface=True))
 
 
