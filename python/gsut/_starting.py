@@ -10,7 +10,8 @@ and a result would depend on the number of processors. What is large has threads
 
 from __future__ import annotations
 
-import _signal  # built in: importing `signal` takes long enough to be interrupted
+# Built in: importing `signal` takes long enough to be interrupted.
+import _signal  # type: ignore[import-not-found]
 import os
 import sys
 
