@@ -249,8 +249,8 @@ THINGS: dict[str, Strange] = {
     "as Blender writes": Strange(edit_json(write_as_blender), "ds", "", DATA, ("ds",)),
     "as instant-ngp writes": Strange(edit_json(write_as_instant_ngp), "ds", "", DATA, ("ds",)),
     "as nerfstudio writes": Strange(edit_json(write_as_nerfstudio), "ds", "", DATA, ("ds",)),
-    "as Windows writes": Strange(edit_json(write_as_windows), "ds", "", needs=("ds",)),
-    "other capitals": Strange(edit_json(write_in_capitals), "ds", "", needs=("ds",)),
+    "as Windows writes": Strange(edit_json(write_as_windows), "ds", "", DATA, ("ds",)),
+    "other capitals": Strange(edit_json(write_in_capitals), "ds", "", DATA, ("ds",)),
     "a mark before the text": Strange(
         edit_text("ds/transforms.json", lambda t: b"\xef\xbb\xbf" + t.encode()), "ds", "", DATA,
         ("ds",)),

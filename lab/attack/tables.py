@@ -108,6 +108,7 @@ def list_file_cases() -> Iterator[Case]:
                 kind, f"{Path(file).name} is {name}", words, tuple(dict.fromkeys(needs)),
                 spoil_file(file, damage), (match_name(file), CAUSES.get(name, "")),
                 may_pass=(Path(file).name, name) in HEADLESS,
+                keeps=("out",) if words[0] == "scene" else (),
             )  # fmt: skip
     for words, files in OF_RUN.items():
         for file in files:

@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 from PIL import Image
 
-from gsut.demo import DEMO_SCENES
+from gsut.demo.scenes import DEMO_SCENES
 from lab.demo_tracer import make_demo_rig, make_demo_scene
 
 SHIPPED = Path(__file__).resolve().parents[2] / "python" / "gsut" / "demo"

@@ -166,6 +166,14 @@ std::vector<LensPrior> ReadLensPriors(SettingsReader* settings) {
   return priors;
 }
 
+// An index that came as a double, beside other numbers; NaN is none either.
+int ReadIndex(double value, std::size_t count, const std::string& what) {
+  if (!(value >= 0 && value < static_cast<double>(count))) {
+    throw InputError(what + " that is not there");
+  }
+  return static_cast<int>(value);
+}
+
 // Rows of both images, a rotation by rows, the columns by the calibration one after the other, and
 // a standard deviation.
 void ReadTurns(SettingsReader* settings, std::size_t images, StructureOptions* options) {
@@ -184,10 +192,7 @@ void ReadTurns(SettingsReader* settings, std::size_t images, StructureOptions* o
     }
     TurnPrior& turn = options->turns.emplace_back();
     for (const auto& [image, value] : {std::pair(&turn.first, row[0]), {&turn.second, row[1]}}) {
-      if (!(value >= 0 && value < static_cast<double>(images))) {
-        throw InputError("turns names an image that is not there");
-      }
-      *image = static_cast<int>(value);
+      *image = ReadIndex(value, images, "turns names an image");
     }
     turn.rotation = Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(&row[2]);
     turn.by_calibration =
@@ -201,16 +206,11 @@ void ReadStatedPoints(SettingsReader* settings, const std::vector<ImageFeatures>
                       StructureOptions* options) {
   std::vector<std::array<double, 8>> points;
   settings->Read("points", &points);
+  // Standard deviations are relative to those of features: see `StatedPoints.to_settings`.
   for (const std::array<double, 8>& row : points) {
-    const auto count = static_cast<double>(images.size());
-    if (!(row[0] >= 0 && row[0] < count)) {
-      throw InputError("points names an image that is not there");
-    }
-    const auto image = static_cast<int>(row[0]);
-    if (!(row[1] >= 0 && row[1] < static_cast<double>(images[image].pixels.size()))) {
-      throw InputError("points names a feature that is not there");
-    }
-    options->stated_points.push_back({{image, static_cast<int>(row[1])},
+    const int image = ReadIndex(row[0], images.size(), "points names an image");
+    const int feature = ReadIndex(row[1], images[image].pixels.size(), "points names a feature");
+    options->stated_points.push_back({{image, feature},
                                       Eigen::Map<const Eigen::Vector3d>(&row[2]),
                                       Eigen::Map<const Eigen::Vector3d>(&row[5])});
   }

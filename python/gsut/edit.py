@@ -1,4 +1,4 @@
-"""Edit Gaussians: merge, cut, transform, level, and remove what no photograph supports."""
+"""Edit Gaussians: merge, cut, transform, level, repeat edits by hand, remove floaters."""
 
 from __future__ import annotations
 
@@ -12,16 +12,19 @@ from gsut.gaussians import (
     rotate_upright,
     transform_gaussians,
 )
+from gsut.hand_edits import apply_edits, read_edits
 
 __all__ = [
     "SeenView",
     "Support",
+    "apply_edits",
     "find_ground",
     "find_support",
     "is_inside_box",
     "is_inside_sphere",
     "list_seen_views",
     "merge_gaussians",
+    "read_edits",
     "rotate_upright",
     "transform_gaussians",
 ]

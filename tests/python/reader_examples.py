@@ -33,6 +33,7 @@ from gsut.data.poses.camera_path import read_path, read_path_lens
 from gsut.data.poses.trajectory import read_trajectory
 from gsut.data.rigs import read_rig
 from gsut.data.scene.maps import _load_numbers
+from gsut.hand_edits import read_edits
 from gsut.lens import spread_pixels
 from gsut.lifting.lifted import Lifted
 from gsut.lifting.map_folder import read_map
@@ -216,6 +217,12 @@ EXAMPLES: dict[str, Make] = {
     "rig": write_rig,
     "trajectory": write_values(
         "poses/poses.json", {"a.png": POSE}, lambda file: read_trajectory(file, raise_error)
+    ),
+    "edits made in the viewer": write_values(
+        "a.edits.json", {"edits": [{"do": "clear"}, {
+            "do": "select", "camera_from_world": POSE, "points": [[1, 2], [3, 4], [5, 1]],
+            "lens": {"model": "pinhole", "params": [9.0, 9.0, 8.0, 8.0], "width": 16, "height": 16},
+        }]}, read_edits,
     ),
     "transforms of nerfstudio's trainings": write_values(
         "dataparser_transforms.json", {"transform": POSE[:3], "scale": 0.5}, _read_undo

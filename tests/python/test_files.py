@@ -16,6 +16,7 @@ from gsut.files import (
     check_shape,
     claim_name,
     copy_file,
+    read_json,
     read_text,
     refuse_existing,
     to_file_name,
@@ -170,3 +171,18 @@ def test_text_of_zeros_is_not_text(tmp_path):
     path.write_bytes(bytes(64))
     with pytest.raises(InputError, match=r"lens\.yaml: is not text \(character 0 is 0\)"):
         read_text(path)
+
+
+@pytest.mark.parametrize(
+    ("advice", "said"), [({}, "save the file as UTF-8"), ({"advice": "remove it"}, "remove it")]
+)
+def test_bytes_in_place_of_json_get_the_advice_of_the_file(advice, said, tmp_path):
+    (tmp_path / "a.json").write_bytes(b"\xff\xfe\xfd")
+    with pytest.raises(InputError, match=f"is not text .*; {said}$"):
+        read_json(tmp_path / "a.json", **advice)
+
+
+def test_number_of_too_many_digits_names_its_key(tmp_path):
+    (tmp_path / "a.json").write_text('{"a": [{"fl_x": ' + "1" * 400 + "}]}")
+    with pytest.raises(InputError, match="key 'fl_x' has a number of 400 digits"):
+        read_json(tmp_path / "a.json")

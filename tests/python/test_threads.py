@@ -127,6 +127,7 @@ SHARED = {
         lambda _: gsut.lens.convert_camera(fisheye(), "opencv8", max_angle=0.5),
         [lambda found: found.format_rings()] * 6,
     ),
+    "SceneOptions": (lambda _: gsut.SceneOptions(), [lambda o: o.list_words()]),
     "TrainOptions": (
         lambda _: gsut.TrainOptions(), [lambda o: o.to_json(), lambda o: o.recipe]),
     "BlockOptions": (

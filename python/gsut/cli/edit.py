@@ -17,8 +17,8 @@ from gsut.files import Number, read_json, refuse_existing, register_reader
 HELP = "cut, level, scale and merge scenes"
 DESCRIPTION = (
     "Reads scenes (runs, or files of Gaussians of any known format) and writes one file. Edits "
-    "are made in this order: floaters, merge, crop, opacity, up or ground, scale. Places are in "
-    "the coordinates of IN. IN stays as it is; an existing OUT is rejected."
+    "are made in this order: floaters, merge, apply, crop, opacity, up or ground, scale. Places "
+    "are in the coordinates of IN. IN stays as it is; an existing OUT is rejected."
 )
 
 _WORKING = 5.0  # of the Gaussians' numbers, beside them: turned in float64, and written
@@ -33,6 +33,11 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "-o", "--out", metavar="OUT", required=True, help="the file; its suffix says the format"
     )
+    parser.add_argument(
+        "--apply", metavar="FILE.json",
+        help="repeat the edits that the viewer saved, also those made on another training of the "
+        "same dataset and poses",
+    )  # fmt: skip
     parser.add_argument(
         "--crop-box",
         type=float,
@@ -90,6 +95,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
+    from gsut.edit import apply_edits, merge_gaussians, read_edits, transform_gaussians
     from gsut.formats import (
         WriteSettings,
         check_room,
@@ -97,7 +103,6 @@ def run(arguments: argparse.Namespace) -> int:
         read_scene_file,
         save_gaussians,
     )
-    from gsut.gaussians import merge_gaussians, transform_gaussians
 
     out = Path(arguments.out)
     choose_format(out)
@@ -117,9 +122,14 @@ def run(arguments: argparse.Namespace) -> int:
             for each in zip(arguments.sources, parts, strict=True)
         ]
     whole = merge_gaussians(parts)
+    supported = len(whole)
+    if arguments.apply:
+        whole = whole[apply_edits(whole, read_edits(arguments.apply))]
     kept = whole[_select_kept(whole, arguments)]
     if len(kept) == 0:
-        raise InputError("nothing is left; crop less (--crop-box, --crop-sphere, --min-opacity)")
+        raise InputError(
+            "nothing is left; cut less (--apply, --crop-box, --crop-sphere, --min-opacity)"
+        )
     if arguments.positions:
         fit = _fit_of_positions(arguments)
         scale, rotation, translation = fit.scale, fit.rotation, fit.translation
@@ -133,7 +143,8 @@ def run(arguments: argparse.Namespace) -> int:
     figures = {
         "num_gaussians": len(moved),
         "source_num_gaussians": found,
-        "floaters": found - len(whole),
+        "floaters": found - supported,
+        "removed_by_hand": supported - len(whole),
         "rotation": rotation,
         "translation": translation,
         "scale": scale,
@@ -156,6 +167,8 @@ def _print_summary(figures: dict[str, Any]) -> None:
     )
     if figures["floaters"]:
         print(f"{figures['floaters']:,} left out by what the photographs say")
+    if figures["removed_by_hand"]:
+        print(f"{figures['removed_by_hand']:,} removed by the edits")
     if figures["positions_rms"] is not None:
         print(f"the cameras are {figures['positions_rms']:.3g} m (rms) from where the file says")
     if figures["upside_down"]:

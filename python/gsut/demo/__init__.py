@@ -1,8 +1,7 @@
 """The demo's scenes: a furnished hall with exact truth, as pictures that come with gsut."""
 
-from gsut.demo.scenes import DEMO_SCENES, write_demo_scene
+from gsut.demo.scenes import write_demo_scene
 
 __all__ = [
-    "DEMO_SCENES",
     "write_demo_scene",
 ]

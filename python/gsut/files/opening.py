@@ -18,6 +18,7 @@ PathLike = str | os.PathLike[str]
 MOST_BYTES = 8 << 30  # of a file that is read as a whole: pictures, scenes, states
 MOST_TEXT = 1 << 30  # bytes of a file of text
 _CHECK_PATH = "check the path"
+SAVE_AS_UTF8 = "save the file as UTF-8"
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")  # how UTF-16 text starts
 
 
@@ -83,7 +84,7 @@ def _check_size(path: PathLike, size: int, most: int) -> None:
 @contextlib.contextmanager
 def open_text(path: PathLike, *, fails: Fails = FileError) -> Iterator[io.TextIOWrapper]:
     """Opens a file of UTF-8 text to be read line by line, see `open_binary`."""
-    with open_binary(path, fails=fails) as file, reading(path, "save the file as UTF-8", fails):
+    with open_binary(path, fails=fails) as file, reading(path, SAVE_AS_UTF8, fails):
         yield io.TextIOWrapper(file, encoding="utf-8-sig")
 
 
@@ -95,17 +96,31 @@ def read_bytes(path: PathLike, most_bytes: int = MOST_BYTES, *, fails: Fails = F
     return content
 
 
-def read_text(path: PathLike, most_bytes: int = MOST_TEXT, *, fails: Fails = FileError) -> str:
-    """Reads UTF-8 text, with or without a byte order mark, see `open_binary`.
+def read_text(
+    path: PathLike,
+    most_bytes: int = MOST_TEXT,
+    *,
+    advice: str = SAVE_AS_UTF8,
+    fails: Fails = FileError,
+) -> str:
+    """Reads UTF-8 text, with or without a byte order mark, see `open_binary` and `decode_text`.
 
     Raises:
         FileError: the same, or it is not UTF-8 text.
     """
-    return decode_text(read_bytes(path, most_bytes, fails=fails), path, fails=fails)
+    return decode_text(read_bytes(path, most_bytes, fails=fails), path, advice=advice, fails=fails)
 
 
-def decode_text(content: bytes, where: object, *, fails: Fails = FileError) -> str:
+def decode_text(
+    content: bytes, where: object, *, advice: str = SAVE_AS_UTF8, fails: Fails = FileError
+) -> str:
     """Decodes UTF-8 text, with or without a byte order mark; line ends become line feeds.
+
+    Args:
+        content: the bytes.
+        where: the file, for the error.
+        advice: what to do about a file of other bytes.
+        fails: makes the error.
 
     Raises:
         FileError: names the first byte that is not UTF-8.
@@ -113,11 +128,11 @@ def decode_text(content: bytes, where: object, *, fails: Fails = FileError) -> s
     try:
         text = content.decode("utf-8-sig")
         if (zero := text.find("\0")) >= 0:
-            raise fails(where, f"is not text (character {zero} is 0)", "save the file as UTF-8")
+            raise fails(where, f"is not text (character {zero} is 0)", advice)
     except UnicodeDecodeError as error:
         is_utf16 = content.startswith(_UTF16) and len(content) % 2 == 0
         what = "is UTF-16 text" if is_utf16 else f"is not text (byte {error.start} is not UTF-8)"
-        raise fails(where, what, "save the file as UTF-8") from error
+        raise fails(where, what, advice) from error
     return text.replace("\r\n", "\n").replace("\r", "\n")
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from gsut.files.errors import COPY_AGAIN, Fails, FileError, reading
-from gsut.files.opening import PathLike, decode_text, read_text
+from gsut.files.opening import SAVE_AS_UTF8, PathLike, decode_text, read_text
 from gsut.files.shapes import check_shape
 from gsut.files.writing import write_file
 
@@ -46,7 +46,8 @@ def read_json(
             column), nests too deeply, has a key twice or a number of too many digits, or another
             shape.
     """
-    text = read_text(path, most_bytes, fails=fails)
+    advice_on_bytes = SAVE_AS_UTF8 if advice == COPY_AGAIN else advice
+    text = read_text(path, most_bytes, advice=advice_on_bytes, fails=fails)
     return parse_json(text, path, shape, advice=advice, fails=fails)
 
 
@@ -85,19 +86,20 @@ def _make_object(pairs: _Pairs) -> dict[str, Any]:
 def _check_depth(values: Any) -> None:
     """Checks level by level how deep values nest, and how many digits whole numbers have."""
     largest = 10**_MOST_DIGITS
-    level, depth = [values], 0
+    level, depth = [values] if isinstance(values, (dict, list)) else [], 0
     while level:
         if depth > _MOST_NESTED:
             raise RecursionError
         below: list[Any] = []
         for each in level:
-            entries = each.values() if type(each) is dict else each if type(each) is list else ()
-            for entry in entries:
+            entries = each.items() if type(each) is dict else enumerate(each)
+            for key, entry in entries:
                 kind = type(entry)
                 if kind is dict or kind is list:
                     below.append(entry)
                 elif kind is int and abs(entry) >= largest:
-                    raise OverflowError(f"a number of {len(str(abs(entry)))} digits")
+                    digits = len(str(abs(entry)))
+                    raise OverflowError(f"key {key!r:.40} has a number of {digits} digits")
         level, depth = below, depth + 1
     if type(values) is int and abs(values) >= largest:
         raise OverflowError(f"a number of {len(str(abs(values)))} digits")

@@ -9,6 +9,7 @@ from gsut.gaussians.morton import order_by_morton_code
 from gsut.gaussians.pixel_size import compute_pixel_density, find_pixel_sizes
 from gsut.gaussians.quaternions import (
     find_rotation_vectors,
+    measure_rotation_angles,
     multiply_quaternions,
     quaternion_from_rotation,
     rotations_from_quaternions,
@@ -32,6 +33,7 @@ __all__ = [
     "find_ground",
     "find_pixel_sizes",
     "find_rotation_vectors",
+    "measure_rotation_angles",
     "merge_gaussians",
     "multiply_quaternions",
     "order_by_morton_code",

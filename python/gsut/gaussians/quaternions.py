@@ -44,6 +44,17 @@ def rotations_from_quaternions(q: np.ndarray) -> np.ndarray:
 
 def find_rotation_vectors(rotations: np.ndarray) -> np.ndarray:
     """Finds the rotation vectors (N, 3) of rotations (N, 3, 3) of less than half a turn."""
+    axes, sine, angle = _split_rotations(rotations)
+    return axes * np.where(sine > _TINY, angle / np.maximum(sine, _TINY), 0.5)[:, None]
+
+
+def measure_rotation_angles(rotations: np.ndarray) -> np.ndarray:
+    """Returns (N,) the angles in radians of rotations (N, 3, 3), exact for small ones too."""
+    return _split_rotations(rotations)[2]
+
+
+def _split_rotations(rotations: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Returns axes (N, 3) of the length of twice the sine, that length and the angle (N,)."""
     axes = np.stack(
         [
             rotations[:, 2, 1] - rotations[:, 1, 2],
@@ -53,5 +64,4 @@ def find_rotation_vectors(rotations: np.ndarray) -> np.ndarray:
         axis=1,
     )
     sine = np.linalg.norm(axes, axis=1)
-    angle = np.arctan2(sine, np.trace(rotations, axis1=1, axis2=2) - 1)
-    return axes * np.where(sine > _TINY, angle / np.maximum(sine, _TINY), 0.5)[:, None]
+    return axes, sine, np.arctan2(sine, np.trace(rotations, axis1=1, axis2=2) - 1)

@@ -14,9 +14,9 @@ import dataclasses
 import numpy as np
 
 from gsut._core import Shutter, SolveError, moved_pose
-from gsut.refine.pixel_rows import POSE, estimate_step, estimate_sum_error
+from gsut.refine.pixel_rows import POSE, compute_losses, estimate_step, estimate_sum_error
 from gsut.refine.pose import Photograph, scale_focal_length
-from gsut.refine.secants import SecantPose, compute_losses, place_lines
+from gsut.refine.secants import SecantPose, place_lines
 from gsut.render import render
 
 # Pixels by which the lenses that are compared move the corners of the picture: less is the grain of

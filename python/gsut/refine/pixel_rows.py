@@ -23,6 +23,8 @@ _LEFT_OUT = 0.99
 # direction counts as undetermined.
 _SINGULAR = 1e-12
 POSE = 6  # unknowns of a pose: centre (world axes), rotation vector (camera axes)
+# Colour difference beyond which a pixel counts less (Huber).
+LOSS_SCALE = 0.1
 
 
 @dataclasses.dataclass(frozen=True)
@@ -102,16 +104,16 @@ def estimate_covariance(
         normal = normals.sum(axis=0)
         diagonal = np.diag(normal)
         if not (diagonal > 0).all():
-            raise _report_undetermined()
+            raise report_undetermined()
         scale = 1 / np.sqrt(diagonal)
         units = np.outer(scale, scale)
         if not np.linalg.eigvalsh(normal * units)[0] > _SINGULAR:
-            raise _report_undetermined()
+            raise report_undetermined()
         others = (normal - _LEFT_OUT * normals) * units
         moved = scale * np.linalg.solve(others, (scale * rights)[:, :, None])[:, :, 0]
         covariance += (count - 1) / count * moved.T @ moved
     if not np.linalg.eigvalsh(covariance / units)[0] > 0:
-        raise _report_undetermined()
+        raise report_undetermined()
     return covariance
 
 
@@ -150,7 +152,14 @@ def compute_square(vector: np.ndarray, covariance: np.ndarray) -> float:
     return float(vector @ np.linalg.solve(covariance, vector)) / len(vector)
 
 
-def _report_undetermined() -> SolveError:
+def compute_losses(residuals: np.ndarray) -> np.ndarray:
+    """Computes Huber's loss (N,) of colour differences (N, 3)."""
+    length = np.linalg.norm(residuals, axis=1)
+    inner = np.minimum(length, LOSS_SCALE)
+    return inner * (2 * length - inner)
+
+
+def report_undetermined() -> SolveError:
     return SolveError("the photograph does not determine its pose: too little of it shows texture")
 
 

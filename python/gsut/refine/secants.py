@@ -19,13 +19,16 @@ from gsut._core import Camera, CameraMotion, Renderer, RenderJob, Shutter, moved
 from gsut.gaussians import Gaussians
 from gsut.least_squares import minimize_least_squares
 from gsut.refine.pixel_rows import (
+    LOSS_SCALE,
     NOISE_BLOCKS,
     POSE,
     SCENE_BLOCKS,
     PixelRows,
+    compute_losses,
     compute_square,
     estimate_covariance,
     find_line_times,
+    report_undetermined,
     weigh_equations,
 )
 from gsut.render import DEFAULT_UNSCENTED, render
@@ -48,8 +51,6 @@ _SHIFT_BY_MOVE = 0.5
 _SETTLED = 0.1
 # Measurements of the slopes at most; a few suffice.
 MOST_ROUNDS = 8
-# Colour difference beyond which a pixel counts less (Huber).
-_LOSS_SCALE = 0.1
 # Least curvature of the cost over that of the slopes: a flatter cost bounds no error.
 _LEAST_CURVATURE = 0.01
 # Measurements of the cost about a pose at most, each of which moves it to the middle of its valley.
@@ -261,7 +262,7 @@ class _Problem:
     def list_rows(self, at: np.ndarray, slopes: np.ndarray) -> PixelRows:
         """Returns residuals at these unknowns with these slopes of the render."""
         seen, residuals = self._draw_at(at), self.compare(at)
-        weights = _LOSS_SCALE / np.maximum(np.linalg.norm(residuals, axis=1), _LOSS_SCALE)
+        weights = LOSS_SCALE / np.maximum(np.linalg.norm(residuals, axis=1), LOSS_SCALE)
         by_gain = np.stack([seen, np.ones_like(seen)], axis=2)[:, :, : 2 * self.with_gain]
         return PixelRows(
             self.pixels, self.camera.width, self.camera.height, residuals, weights,
@@ -302,7 +303,13 @@ class _Problem:
         return best, self.list_rows(best, measured)
 
     def find_lower(self, at: np.ndarray, step: np.ndarray) -> np.ndarray | None:
-        """Returns the unknowns after a step or half of it if the cost is lower there."""
+        """Returns the unknowns after a step or half of it if the cost is lower there.
+
+        Raises:
+            SolveError: the step is not finite, since rounding hides an axis of the errors.
+        """
+        if not np.isfinite(step).all():
+            raise report_undetermined()
         least = _compute_loss(self.compare(at))
         tried = (at + share * step for share in (1.0, 0.5))
         return next((to for to in tried if _compute_loss(self.compare(to)) < least), None)
@@ -358,13 +365,6 @@ class _Problem:
             by_motion=by_unknowns[:, :, POSE:] if self.is_rolling else None,
         )  # fmt: skip
         return rows, (steps * flatness) @ back, step
-
-
-def compute_losses(residuals: np.ndarray) -> np.ndarray:
-    """Computes Huber's loss (N,) of colour differences (N, 3)."""
-    length = np.linalg.norm(residuals, axis=1)
-    inner = np.minimum(length, _LOSS_SCALE)
-    return inner * (2 * length - inner)
 
 
 def _compute_loss(residuals: np.ndarray) -> float:

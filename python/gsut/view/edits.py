@@ -11,7 +11,7 @@ import numpy as np
 from gsut._core import InputError
 from gsut.bounds import FARTHEST, LEAST_SCALE, check_number
 from gsut.compact import find_support
-from gsut.files import refuse_existing
+from gsut.files import refuse_existing, write_json
 from gsut.formats import WriteSettings, choose_format, save_gaussians
 from gsut.gaussians import find_ground, rotate_upright, transform_gaussians
 from gsut.view.shown_gaussians import ShownGaussians
@@ -50,17 +50,21 @@ def check_floaters(shown: ShownGaussians, clean: bool) -> None:
         raise InputError("floaters are not found yet: wait until the search ends, or keep them")
 
 
-def save_edited(shown: ShownGaussians, values: dict[str, Any]) -> dict[str, Any]:
+def save_edited(
+    shown: ShownGaussians, values: dict[str, Any], edits: list[dict[str, Any]]
+) -> dict[str, Any]:
     """Writes the scene as it is shown to a new file beside the run or file.
 
     Args:
         shown: of the stage.
-        values: "name" of the file; "crop" and "clean" as in a frame; "up" (3,) becomes -y, and with
-            "level" the ground, which lies there along "up", becomes y = 0; lengths are multiplied
-            by "scale".
+        values: "name" of the file; "crop", "clean" and "edits" as in a frame; "up" (3,) becomes -y,
+            and with "level" the ground, which lies there along "up", becomes y = 0; lengths are
+            multiplied by "scale".
+        edits: made by hand, which are written beside the scene (.edits.json).
 
     Returns:
-        "path", "num_gaussians", "of" and sentences on what the format "left_out".
+        "path" and, of the edits, "edits_path"; "num_gaussians", "of" and sentences on what the
+        format "left_out".
 
     Raises:
         InputError: the file exists, lies in another folder or has an unknown format.
@@ -73,21 +77,28 @@ def save_edited(shown: ShownGaussians, values: dict[str, Any]) -> dict[str, Any]
         raise InputError(f"give a file's name, without folders: it is saved in {folder}")
     path = folder / name
     choose_format(path)
-    refuse_existing(path)
+    repeated = path.with_suffix(".edits.json") if edits else None
+    for new in (path, repeated):
+        if new is not None:
+            refuse_existing(new)
     check_floaters(shown, bool(values.get("clean")))
     scale = check_number(values.get("scale") or 1, "scale", LEAST_SCALE, 1 / LEAST_SCALE)
     crop = None if not values.get("crop") else np.array(values["crop"], np.float64).reshape(2, 3)
     whole = shown.load_all()
-    kept = whole[shown.select_kept(whole, crop, bool(values.get("clean")))]
+    clean, key = bool(values.get("clean")), values.get("edits") or None
+    kept = whole[shown.select_kept(whole, crop, clean, key)]
     if not len(kept):
-        raise InputError("nothing is left; crop less")
+        raise InputError("nothing is left; crop or delete less")
     turn, height = np.eye(3), 0.0
     if values.get("up") is not None:
         turn = rotate_upright(values["up"])
         height = check_number(values.get("level") or 0, "level", -FARTHEST, FARTHEST)
     moved = transform_gaussians(kept, turn, scale, scale * np.array([0.0, height, 0.0]))
     written = save_gaussians(path, moved, WriteSettings(antialiased=shown.stage.antialiased))
+    if repeated is not None:
+        write_json(repeated, {"edits": edits})
     return {
-        "path": str(path), "num_gaussians": len(moved), "of": len(whole),
+        "path": str(path), "edits_path": None if repeated is None else str(repeated),
+        "num_gaussians": len(moved), "of": len(whole),
         "left_out": list(written.left_out),
     }  # fmt: skip

@@ -45,6 +45,7 @@ class FrameRequest:
             picture on the page.
         ground: (4,) a plane's normal n and d, with n . x = d on it, that the layer "axes" draws;
             None: across `ShownGaussians.axes` through the scene's middle.
+        edits: key of the edits by hand, see `Selections`; None: none.
     """
 
     pose: np.ndarray
@@ -62,6 +63,7 @@ class FrameRequest:
     clean: bool = False
     ground: np.ndarray | None = None
     turns: int = 0
+    edits: str | None = None
 
     def turn_back(self, pixel: tuple[float, float]) -> np.ndarray:
         """Returns (2,) where a pixel of the page's picture is in the image."""
@@ -115,7 +117,7 @@ class FrameRequest:
         layers = frozenset(values.get("layers") or ())
         return cls(
             pose, lens, width, height, mode, view, shutter, layers, crop, marks, quality, share,
-            bool(values.get("clean")), ground, turns,
+            bool(values.get("clean")), ground, turns, values.get("edits") or None,
         )  # fmt: skip
 
 

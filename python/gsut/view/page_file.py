@@ -37,7 +37,8 @@ _MODES = ("color", "distance", "alpha", "error")
 _COLOR_MAPS = ("turbo", "inferno")
 # The page's scripts, in the order in which they run.
 _SCRIPTS = (
-    "exact/core.js", "exact/card.js", "exact/moving.js", "exact/page_server.js", "view.js",
+    "exact/core.js", "exact/card.js", "exact/moving.js", "exact/page_edits.js",
+    "exact/page_server.js", "select.js", "view.js",
 )  # fmt: skip
 # Texts that these hand on: workers run scripts of their own, a graphics card runs shaders.
 _TEXTS = ("exact/worker.js", "exact/order.js", "exact/forward.wgsl", "exact/moving.glsl")
@@ -183,7 +184,7 @@ def _assemble(content: dict[str, Any], scene: bytes, link: str) -> str:
          f"\n{_NOTICE}\n{link}"),
         ("<title>gsut view</title>", f"<title>{html.escape(content['scene']['name'])}</title>"),
         ('<link rel="stylesheet" href="view.css">', f"<style>{_read_text('view.css')}</style>"),
-        ('<script src="view.js" defer></script>\n', ""),
+        ('<script src="select.js" defer></script>\n<script src="view.js" defer></script>\n', ""),
         ("</body>", "\n".join(elements) + "\n</body>"),
     ):  # fmt: skip
         page = page.replace(old, new)
@@ -271,7 +272,7 @@ def _describe(session: Any, rows: list[int]) -> dict[str, Any]:
     scene = dict(session.describe_scene({}).content)
     scene |= {
         "alone": True, "modes": _MODES, "folder": None, "num_points": 0, "live": False,
-        "kind": "file", "views": [scene["views"][row] for row in rows],
+        "kind": "file", "selectable": True, "views": [scene["views"][row] for row in rows],
     }  # fmt: skip
     lenses = [
         {**_describe_lens(camera), "turns": shown["turns"]}

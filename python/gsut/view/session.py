@@ -16,6 +16,7 @@ from gsut.data.images import shrink_image, shrink_mask
 from gsut.data.poses import check_rigid
 from gsut.data.scene import count_lens_turns, find_upright_poses
 from gsut.files import format_json
+from gsut.gaussians import Gaussians
 from gsut.lens import camera_models
 from gsut.lens.files import values_from_camera
 from gsut.orientation import turn_camera, turn_picture, turn_size
@@ -26,6 +27,7 @@ from gsut.view.frames import Frames
 from gsut.view.lenses import Lenses
 from gsut.view.named_views import read_named_view
 from gsut.view.page_file import PageSettings, write_page
+from gsut.view.selections import Selections
 from gsut.view.server import Reply, Route
 from gsut.view.shown_gaussians import ShownGaussians
 from gsut.view.stage import Stage
@@ -78,6 +80,7 @@ class Session:
         self.lenses = Lenses(stage.cameras)
         self.shown = ShownGaussians(stage)
         self.frames = Frames(self.shown, self.lenses)
+        self._selections = Selections(self.shown, self.lenses)
         self._draw: Drawing = drawing or AtOnce()
         self._training = training
         self._film: Film | None = None
@@ -93,7 +96,8 @@ class Session:
             "photo": self.send_photograph, "lens": self.make_lens, "pick": self.pick_point,
             "camera": self.save_cameras, "film": self.handle_film, "film.file": self.send_film,
             "findings": self.list_findings, "ground": self.find_ground,
-            "floaters": self.find_floaters, "save": self.save_scene,
+            "floaters": self.find_floaters, "save": self.save_scene, "edits": self.apply_edits,
+            "edits.json": self.send_edits,
         }  # fmt: skip
         if self._training is not None:
             routes["training"] = self._training
@@ -128,6 +132,7 @@ class Session:
             "figures": {key: stage.figures.get(key) for key in ("psnr", "ssim", "steps")},
             "live": self._training is not None,
             "folder": None if stage.folder is None else str(stage.folder),
+            "selectable": stage.folder is not None and isinstance(gaussians, Gaussians),
         }  # fmt: skip
         return Reply(value)
 
@@ -252,8 +257,18 @@ class Session:
             )
 
     def save_scene(self, values: dict[str, Any]) -> Reply:
-        """Writes the scene as it is shown to a new file."""
-        return Reply(save_edited(self.shown, values))
+        """Writes the scene as it is shown to a new file, and the edits "steps" beside it."""
+        edits = self._selections.describe(values.get("steps") or [])
+        return Reply(save_edited(self.shown, values, edits))
+
+    def apply_edits(self, values: dict[str, Any]) -> Reply:
+        """Applies the edits "steps", which frames then name by the reply's "key"."""
+        return Reply(self._draw(lambda: self._selections.apply(values["steps"])))
+
+    def send_edits(self, values: dict[str, Any]) -> Reply:
+        """Returns the edits "steps" as a file for `gsut edit --apply`."""
+        content = {"edits": self._selections.describe(values["steps"])}
+        return Reply(format_json(content).encode() + b"\n", "application/json")
 
     def _request(self, values: dict[str, Any]) -> FrameRequest:
         _check_object(values)

@@ -129,12 +129,12 @@ function request(moving) {
     [width, height] = [width, height].map((side) => Math.max(8, Math.round(side * factor)));
   }
   const mode = state.mode === "error" && state.view === null ? "color" : state.mode;
-  const rolling = state.shutter !== null && $("rolling").checked ? state.shutter : null;
+  const rolling = state.shutter !== null && $("rolling").checked && !edits.on ? state.shutter : null; // a region has one pose
   return {
     pose: state.exact ?? poseOf(state.eye), lens: lens.id, turns: lens.turns, width, height, mode, view: state.view, shutter: rolling,
     layers: [...state.layers, ...($("crop-box").open ? ["box"] : [])], crop: state.crop,
     marks: state.marks, quality: moving ? MOVING_QUALITY : state.lossless ? null : 92,
-    clean: state.clean, ground: state.ground, moving, share: moving ? SHARES[kind()][level] : 1,
+    clean: state.clean, ground: state.ground, edits: edits.key, moving, share: moving ? SHARES[kind()][level] : 1,
   };
 }
 function redraw(moved = true) {
@@ -261,14 +261,16 @@ let gesture = 0, travelled = 0;
 function pixelAngle() { return lens.radians_per_pixel * (lens.width / size()[0]); }
 function onPointerDown(event) {
   $("canvas").focus({ preventScroll: true });
+  flight++;
+  if (beginStroke(event)) return;
   pointers.set(event.pointerId, event);
   $("canvas").setPointerCapture(event.pointerId);
-  flight++;
   travelled = 0;
   gesture = event.button;
   $("canvas").classList.add("moving");
 }
 function onPointerMove(event) {
+  if (continueStroke(event)) return;
   const before = pointers.get(event.pointerId);
   if (!before) return;
   const dx = event.clientX - before.clientX, dy = event.clientY - before.clientY;
@@ -288,6 +290,7 @@ function onPointerMove(event) {
   else look(-dx * pixelAngle(), dy * pixelAngle());
 }
 function onPointerUp(event) {
+  if (finishStroke(event)) return;
   if (!pointers.delete(event.pointerId)) return;
   if (!pointers.size) $("canvas").classList.remove("moving");
   if (event.type === "pointerup" && travelled < 4 && state.measuring) guarded(measure)(event);
@@ -376,8 +379,8 @@ async function saveEdited() {
   const { crop, clean, scale, up, ground, turned } = state;
   $("save").disabled = true;
   try {
-    const saved = await ask("save", { name: $("save-name").value, crop, clean, scale, up: turned ? up : null, level: ground?.[3] ?? null });
-    $("save-text").textContent = [`${saved.num_gaussians.toLocaleString()} of ${saved.of.toLocaleString()} Gaussians: ${saved.path}`, ...saved.left_out].join("; ");
+    const saved = await ask("save", { name: $("save-name").value, crop, clean, edits: edits.key, steps: edits.steps, scale, up: turned ? up : null, level: ground?.[3] ?? null });
+    $("save-text").textContent = [`${saved.num_gaussians.toLocaleString()} of ${saved.of.toLocaleString()} Gaussians: ${saved.path}`, ...(saved.edits_path ? [`the edits: ${saved.edits_path}`] : []), ...saved.left_out].join("; ");
     $("save-text").hidden = false;
   } finally { $("save").disabled = waiting; }
 }
@@ -408,9 +411,10 @@ const KEYS = {
   BracketLeft: () => $("previous").click(), BracketRight: () => $("next").click(),
 };
 function onKeyDown(event) {
-  if (event.ctrlKey || event.metaKey || event.altKey || $("help").open) return;
+  if ($("help").open) return;
   if (/^(INPUT|SELECT|TEXTAREA)$/.test(event.target.tagName) && !/^(checkbox|radio|range)$/.test(event.target.type)) return;
   if (/^(radio|range)$/.test(event.target.type) && /^(Arrow|Home)/.test(event.code)) return;
+  if (onSelectKey(event) || event.ctrlKey || event.metaKey || event.altKey) return;
   const digit = /^Digit([1-6])$/.exec(event.code);
   if (event.key === "?") $("help").showModal();
   else if (digit) choose("modes", scene.modes[digit[1] - 1]);
@@ -839,6 +843,7 @@ async function begin() {
     $("up").append(new Option(name, JSON.stringify(axis)));
   });
   connect();
+  connectSelecting();
   if (innerWidth <= 760) $("panel-toggle").click();
   compare();
   const asked = /view=(\d+)/.exec(location.hash)?.[1];

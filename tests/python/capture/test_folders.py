@@ -9,6 +9,7 @@ import pytest
 
 import gsut
 import small_videos
+from gsut.capture import folders
 from gsut.capture.folders import list_folder
 from gsut.capture.streams import is_woven
 from gsut.capture.track import read_film_facts
@@ -259,3 +260,12 @@ def test_mask_of_all_pictures_is_named_as_masks(tmp_path):
     mask = picture(tmp_path / "one.png", ".png")
     assert find_mask(mask, "a/b.jpg") == mask
     assert find_mask(tmp_path / "masks", "a/b.jpg") is None
+
+
+def test_folder_of_too_many_files_is_refused_before_they_are_opened(tmp_path, monkeypatch):
+    monkeypatch.setattr(folders, "_MOST_FILES", 3)
+    monkeypatch.setattr(folders, "find_kind", lambda path: pytest.fail(f"{path} is opened"))
+    for number in range(4):
+        picture(tmp_path / f"{number}.jpg")
+    with pytest.raises(gsut.InputError, match="holds more than 3 files and folders; give"):
+        list_folder(tmp_path)

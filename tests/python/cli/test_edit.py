@@ -50,6 +50,56 @@ def test_edit_scales_and_turns_up(ply, capsys):
     np.testing.assert_allclose(found.log_scales, ply.log_scales + np.log(2.5), atol=1e-6)
 
 
+def test_edit_repeats_edits_made_by_hand(ply, capsys):
+    lens = {"model": "pinhole", "params": [40.0, 40.0, 50.0, 50.0], "width": 100, "height": 100}
+    pose = np.eye(4)
+    pose[2, 3] = 30.0
+    region = {"do": "select", "camera_from_world": pose.tolist(), "lens": lens}
+    box = [[30, 30], [60, 30], [60, 70], [30, 70]]
+    line = {"points": [[45, 10], [45, 90]], "radius": 4.0, "subtract": True}
+    edits = [{**region, "points": box}, {**region, **line}, {"do": "delete"}, {"do": "clear"}]
+    Path("a.json").write_text(json.dumps({"edits": edits}))
+    found, figures = edited(capsys, "in.ply", "--apply", "a.json")
+    x, y, z = (ply.means + np.array([0, 0, 30.0])).T
+    u, v = 40 * x / z + 50, 40 * y / z + 50
+    gone = (z > 0) & (u >= 30) & (u <= 60) & (v >= 30) & (v <= 70) & (np.abs(u - 45) > 4)
+    assert figures["removed_by_hand"] == gone.sum() > 5
+    np.testing.assert_array_equal(found.means, ply.means[~gone])
+
+
+def test_edit_in_front_leaves_what_a_surface_hides(ply, capsys):
+    # A wall of three Gaussians, one before it, one behind it, both small.
+    wall = gsut.Gaussians(
+        np.array([[0, 0, 4.0], [0.1, 0, 4], [0, 0.1, 4], [0, 0, 2], [0, 0, 6]]),
+        np.tile([1.0, 0, 0, 0], (5, 1)), np.log([[2, 2, 0.01]] * 3 + [[0.01] * 3] * 2),
+        np.full(5, 5.0), np.zeros((5, 1, 3)),
+    ).to_dtype(np.float32)  # fmt: skip
+    gsut.formats.save_ply("wall.ply", wall)
+    lens = {"model": "pinhole", "params": [50.0, 50.0, 50.0, 50.0], "width": 100, "height": 100}
+    edit = {
+        "do": "select", "camera_from_world": np.eye(4).tolist(), "lens": lens, "front": True,
+        "points": [[20, 20], [80, 20], [80, 80], [20, 80]],
+    }  # fmt: skip
+    Path("a.json").write_text(json.dumps({"edits": [edit, {"do": "delete"}]}))
+    found, _ = edited(capsys, "wall.ply", "--apply", "a.json")
+    np.testing.assert_array_equal(found.means, [[0, 0, 6]])
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ({"edits": [{"do": "paint"}]}, "paint"),
+        ({"edits": [{"do": "select"}]}, "lacks 'camera_from_world'"),
+        ({"steps": []}, "lacks 'edits'"),
+    ],
+)
+def test_edit_refuses_other_edits(ply, capsys, content, said):
+    Path("a.json").write_text(json.dumps(content))
+    assert main(["edit", "in.ply", "-o", "out.ply", "--apply", "a.json"]) == 2
+    assert said in capsys.readouterr().err
+    assert not Path("out.ply").exists()
+
+
 def test_edit_merges_several(ply, capsys):
     found, figures = edited(capsys, "in.ply", "in.ply")
     assert figures["source_num_gaussians"] == len(found) == 800

@@ -9,7 +9,7 @@ import pytest
 
 import gsut
 from gsut.cli import main
-from gsut.demo import DEMO_SCENES, write_demo_scene
+from gsut.demo.scenes import DEMO_SCENES, write_demo_scene
 
 # SHA-256 over names, shapes and pixels of all pictures, as lab/demo_tracer makes them.
 PIXELS = {

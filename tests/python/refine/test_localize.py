@@ -16,7 +16,7 @@ from gsut.cli import main
 from gsut.refine import localization
 from gsut.refine.localization import localize_image
 from gsut.refine.motion import measure_pose_changes
-from gsut.refine.secants import place_lines
+from gsut.refine.secants import _Problem, place_lines
 from gsut.render.pictures import to_uint8, write_png
 from gsut.run.folder import RunFile
 from random_scenes import fisheye, gaussians_in_view, pinhole
@@ -234,3 +234,8 @@ def test_stated_uncertainty_covers_the_error_also_of_a_wrong_focal_length(
     capsys.readouterr()
     assert main(["localize", str(image), "--run", str(folder), "--camera", str(lens)]) == 0
     assert ("focal length times" in capsys.readouterr().err) == (abs(factor - 1) > 0.02)
+
+
+def test_step_that_is_not_finite_leaves_the_pose_undetermined():
+    with pytest.raises(gsut.SolveError, match="does not determine its pose"):
+        _Problem.find_lower(None, np.zeros(8), np.full(8, np.nan))

@@ -13,7 +13,7 @@ import gsut
 import tolerances
 from gsut import _core
 from gsut.cli import main
-from gsut.gaussians import quaternion_from_rotation
+from gsut.gaussians import measure_rotation_angles, quaternion_from_rotation
 from gsut.sfm import pipeline
 from gsut.sfm.lens.candidates import guess_lens
 from gsut.sfm.lens.search import search_lens
@@ -27,7 +27,7 @@ from gsut.sfm.photographs.features import _PIXELS_EACH, detect_features, read_fe
 from gsut.sfm.photographs.options import PosesOptions
 from gsut.sfm.pipeline import find_poses
 from gsut.sfm.solution import solver
-from gsut.sfm.solution.result import measure_rotation_angles, similarity_from_points
+from gsut.sfm.solution.result import similarity_from_points
 from gsut.sfm.solution.solver import solve_poses
 from gsut.sfm.world.comparison import compare_poses, find_centers
 from synthetic_walk import Synthetic

@@ -8,13 +8,13 @@ import pytest
 import gsut
 from box_room import make_fisheye, plan_walk, write_box_room
 from gsut.cli import main
+from gsut.gaussians import measure_rotation_angles
 from gsut.sfm.mapping import PosesLog
 from gsut.sfm.matches.matching import PairMatches
 from gsut.sfm.photographs.features import Features
 from gsut.sfm.photographs.options import PosesOptions
 from gsut.sfm.photographs.stages import FOLDER
 from gsut.sfm.points.bearing_points import BearingPoints
-from gsut.sfm.solution.result import measure_rotation_angles
 from gsut.sfm.world.comparison import compare_poses
 from gsut.training import photometric_poses
 

@@ -95,12 +95,11 @@ def sharpen_rates(
     if found is None or not _is_fitting(found):
         return velocities
     rates, spread = (each.copy() for each in velocities)
-    names, records = mapping.photographs.names, mapping.photographs.turns
-    times = np.array([mapping.photographs.times.get(name, math.nan) for name in names])
+    times = _list_times(mapping)
     begin, end = times + found.offset - _MOMENT / 2, times + found.offset + _MOMENT / 2
     known = np.isfinite(rates).all(axis=1) & np.isfinite(times)
     axes, recorded = found.camera_from_sensor, np.full((len(rates), 3), np.nan)
-    curve = TurnCurve(records["gyroscope"], found.bias)
+    curve = TurnCurve(mapping.photographs.turns["gyroscope"], found.bias)
     turns = axes @ curve.find_turns(begin[known], end[known]).rotations @ axes.T
     recorded[known] = find_rotation_vectors(turns) / (_MOMENT * found.scale)
     known &= np.isfinite(recorded).all(axis=1)
@@ -128,9 +127,15 @@ def _is_fitting(calibration: TurnCalibration) -> bool:
     return calibration.explained >= _EXPLAINS and agreeing >= _AGREE
 
 
+def _list_times(mapping: Mapping) -> np.ndarray:
+    """Lists (N,) seconds at which the images were taken; NaN: not known."""
+    times = mapping.photographs.times
+    return np.array([times.get(name, math.nan) for name in mapping.photographs.names])
+
+
 def _list_pairs(mapping: Mapping, solution: Solution) -> tuple[np.ndarray, np.ndarray]:
     """Lists (P, 2) images that follow each other in time, and when each was taken."""
-    times = np.array([mapping.photographs.times.get(n, math.nan) for n in solution.names])
+    times = _list_times(mapping)
     known = np.flatnonzero(solution.registered & np.isfinite(times))
     order = known[np.argsort(times[known], kind="stable")]
     pairs = np.stack([order[:-1], order[1:]], axis=1)

@@ -8,8 +8,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from gsut.data.poses import find_centers
+from gsut.gaussians import measure_rotation_angles
 from gsut.sfm.matches import PairMatches
-from gsut.sfm.solution import Solution, measure_rotation_angles
+from gsut.sfm.solution import Solution
 
 TURNED = "the camera mostly turned on the spot"  # how that sentence begins
 _STRAIGHT = 0.03  # second over first extent of the camera centres, below which they lie on a line

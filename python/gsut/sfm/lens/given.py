@@ -41,7 +41,8 @@ def check_given_lens(mapping: Mapping) -> Mapping:
     flags = np.zeros(len(lens.params), np.uint8)
     focal = find_focal_params(lens)
     flags[focal] = TIED
-    pairs = keep_most_distinct(choose_connected_pairs(mapping.pairs, _IMAGES))
+    posed = [p for p in mapping.pairs if solution.registered[[p.first, p.second]].all()]
+    pairs = keep_most_distinct(choose_connected_pairs(posed, _IMAGES))
     try:
         free = _adjust(mapping, pairs, flags)
         (known,) = estimate_lens_covariances(free, flags, FEATURE_VARIANCE)

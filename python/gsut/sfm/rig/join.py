@@ -9,9 +9,10 @@ import numpy as np
 
 from gsut.data.poses import find_centers
 from gsut.data.rigs import Rig
+from gsut.gaussians import measure_rotation_angles
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.photographs import Photographs
-from gsut.sfm.solution import Solution, measure_rotation_angles, solve_left_out
+from gsut.sfm.solution import Solution, solve_left_out
 
 _FEWEST = 4  # images of the other model with a mate in the first
 _AGREE = np.radians(5.0)  # of turns between the models, from frame to frame

@@ -11,10 +11,11 @@ import numpy as np
 from gsut._core import SolveError
 from gsut.data.poses import invert_pose
 from gsut.data.rigs import Rig
+from gsut.gaussians import measure_rotation_angles
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.photographs import Photographs
 from gsut.sfm.rig.fit import FREE, RIG, put_on_rig
-from gsut.sfm.solution import CENTER, Solution, measure_rotation_angles
+from gsut.sfm.solution import CENTER, Solution
 
 LENS_NAMES = ("front", "back")
 _FEWEST = 4  # frames of which both images have a pose

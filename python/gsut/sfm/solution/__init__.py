@@ -23,7 +23,6 @@ from gsut.sfm.solution.result import (
     measure_agreement,
     measure_diagonal,
     measure_line_times,
-    measure_rotation_angles,
     similarity_from_points,
     transform_to_cameras,
 )
@@ -60,7 +59,6 @@ __all__ = [
     "measure_agreement",
     "measure_diagonal",
     "measure_line_times",
-    "measure_rotation_angles",
     "separate_look_alikes",
     "similarity_from_points",
     "solve_left_out",

@@ -324,16 +324,3 @@ def similarity_from_points(
     rotation = left @ sign @ right
     scale = float((values * np.diag(sign)).sum() / max((a**2).sum(), 1e-300))
     return scale, rotation, target_mean - scale * rotation @ source_mean
-
-
-def measure_rotation_angles(rotations: np.ndarray) -> np.ndarray:
-    """Returns (N,) the angles in radians of rotations (N, 3, 3), exact for small ones too."""
-    axis = np.stack(
-        [
-            rotations[:, 2, 1] - rotations[:, 1, 2],
-            rotations[:, 0, 2] - rotations[:, 2, 0],
-            rotations[:, 1, 0] - rotations[:, 0, 1],
-        ],
-        axis=1,
-    )
-    return np.arctan2(np.linalg.norm(axis, axis=1), np.trace(rotations, axis1=1, axis2=2) - 1.0)

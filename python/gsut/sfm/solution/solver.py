@@ -158,6 +158,8 @@ def adjust_registered(
         SolveError: too few points agree with the poses.
     """
     chosen = np.flatnonzero(solution.registered)
+    if not len(chosen):
+        raise SolveError("no image has a pose to adjust")
     images = Images(solution.names, solution.cameras, features, lines=solution.lines)
     images = images.select(chosen)
     if adjustment.motion is not None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from gsut._core import SolveError
 from gsut.data.poses import find_centers
+from gsut.gaussians import measure_rotation_angles
 from gsut.sfm.lens import index_points
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import PairMatches, keep_most_distinct
@@ -20,7 +21,6 @@ from gsut.sfm.solution import (
     ReadoutMotion,
     Solution,
     adjust_registered,
-    measure_rotation_angles,
     transform_to_cameras,
 )
 

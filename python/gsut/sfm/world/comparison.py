@@ -11,7 +11,8 @@ import numpy as np
 from gsut._core import InputError
 from gsut.data import load_dataset
 from gsut.data.poses import find_centers
-from gsut.sfm.solution import measure_rotation_angles, similarity_from_points
+from gsut.gaussians import measure_rotation_angles
+from gsut.sfm.solution import similarity_from_points
 
 _FEWEST = 3  # centres that determine a similarity
 

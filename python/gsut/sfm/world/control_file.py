@@ -107,9 +107,7 @@ def _read_numbers(
     return values
 
 
-def find_control(
-    path: str, names: Sequence[str]
-) -> list[tuple[ControlPoint, dict[int, np.ndarray]]]:
+def find_control(path: str, names: Sequence[str]) -> list[Sighted]:
     """Reads control points and finds the photographs that show them.
 
     Args:

@@ -62,12 +62,14 @@ def add_markers(mapping: Mapping) -> Mapping:
     if mapping.options.marker is None:
         return mapping
     readable = [i for i, features in enumerate(mapping.features) if len(features)]
-    step = max(1, len(readable) // _SAMPLES)
-    found = _find_in_all(mapping, readable[::step], _DICTIONARIES)
-    if not any(len(_list_shared(seen)) for seen in found):
-        found = _find_in_all(mapping, readable, _DICTIONARIES)
+    looked = readable[:: max(1, len(readable) // _SAMPLES)]
+    found = _find_in_all(mapping, looked, _DICTIONARIES)
+    if looked != readable and not any(len(_list_shared(seen)) for seen in found):
+        looked, found = readable, _find_in_all(mapping, readable, _DICTIONARIES)
     best = int(np.argmax([len(_list_shared(seen)) for seen in found]))
-    (seen,) = _find_in_all(mapping, readable, _DICTIONARIES[best : best + 1])
+    seen = found[best]
+    if looked != readable:
+        (seen,) = _find_in_all(mapping, readable, _DICTIONARIES[best : best + 1])
     shared = _list_shared(seen)
     if not len(shared):
         raise InputError(

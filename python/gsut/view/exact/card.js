@@ -83,6 +83,7 @@ class Card {
       const end = Math.min(size, first + most), cut = (array, each) => this.upload(array.subarray(each * first, each * end));
       parted.push({ first, rows: end - first, splats: cut(splats, 11), sh: cut(sh, width) });
     }
+    this.scene?.parted.forEach(({ splats: old, sh: colors }) => [old, colors].forEach((buffer) => buffer.destroy()));
     this.scene = { size, coefficients, parted };
     this.passing = [];
   }

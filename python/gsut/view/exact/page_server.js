@@ -53,12 +53,14 @@ function readScene(bytes) {
     }
     xyzw[largest] = Math.sqrt(Math.max(0, 1 - sum));
     quats.set([xyzw[3], xyzw[0], xyzw[1], xyzw[2]], 4 * i);
-    for (let k = 0; k < 3; k++) sh[3 * coefficients * i + k] = (colors[3 * i + k] / 255 - 0.5) / 0.15;
+    for (let k = 0; k < 3; k++) sh[3 * coefficients * i + k] = toFirstHarmonic(colors[3 * i + k]);
     const from = 3 * (coefficients - 1);
     for (let k = 0; k < from; k++) sh[3 * coefficients * i + 3 + k] = (rest[from * i + k] - 128) / 128;
   }
-  return { size, coefficients, stored: { colors, rest }, parts: [means, quats, Float32Array.from({ length: 3 * size }, (_, at) => scales[(at % 3) * size + Math.floor(at / 3)] / 16 - 10), logits, sh] };
+  return { size, coefficients, antialiased: Boolean(bytes[14] & 1), stored: { colors, rest }, parts: [means, quats, Float32Array.from({ length: 3 * size }, (_, at) => scales[(at % 3) * size + Math.floor(at / 3)] / 16 - 10), logits, sh] };
 }
+
+const toFirstHarmonic = (stored) => (stored / 255 - 0.5) / 0.15;
 
 // --- poses: 4 x 4 in rows -------------------------------------------------------------------------
 const multiply = (a, b) => Array.from({ length: 16 }, (_, i) => [0, 1, 2, 3].reduce((sum, k) => sum + a[4 * (i >> 2) + k] * b[4 * k + (i & 3)], 0));
@@ -75,6 +77,7 @@ function asStored({ turns = 0, ...values }) { // a request in the pose and size 
   const size = turns % 2 ? { width: values.height, height: values.width } : {};
   return { ...values, pose: [...first, ...second, ...rest], ...size };
 }
+const turnedBack = ([x, y], width, height, turns) => [[x, y], [y, height - x], [width - x, height - y], [width - y, x]][turns]; // a pixel of the page's picture in the lens' own
 function turnedPicture(picture, turns) { // clockwise, by quarter turns
   const { width, height } = picture, size = turns % 2 ? { width: height, height: width } : { width, height };
   const canvas = Object.assign(document.createElement("canvas"), size), brush = canvas.getContext("2d");
@@ -104,6 +107,7 @@ class PageServer {
   constructor() {
     this.lenses = []; // by number: model, params, width, height, valid_field_angle
     this.resized = new Map(); // text of a lens' number and a size -> the lens at that size
+    this.edits = new PageEdits(this);
     this.central = new Map(); // model -> whether its rays meet in one point
     this.ready = this.start();
   }
@@ -181,10 +185,13 @@ class PageServer {
     if (name === "scene") return { ...this.content.scene, lenses: this.lenses.map((_, number) => this.describe(number)), models: Object.fromEntries(Object.entries(this.models).map(([model, { names }]) => [model, names])), num_gaussians: this.gaussians.size };
     if (name === "lens") return this.describe(this.lenses.push(await this.makeLens(values)) - 1);
     if (name === "pick") return this.pick(values);
+    if (name === "edits") return this.edits.apply(values.steps);
     throw new Error(`${name} needs gsut view`);
   }
   photo(view) { return this.content.photographs[view]; }
   async file(name, values) {
+    if (name === "scene.ply") return this.edits.writeScene();
+    if (name === "edits.json") return new Blob([JSON.stringify({ edits: values.steps.map((step) => this.edits.describe(step)) }) + "\n"], { type: "application/json" });
     if (name === "camera") {
       const { turns } = values, poses = values.poses.map((pose) => asStored({ ...values, pose })), rows = (m) => [0, 4, 8, 12].map((k) => m.slice(k, k + 4));
       const { turns: _, ...lens } = this.resize(values.lens, poses[0].width, poses[0].height);
@@ -275,7 +282,9 @@ class PageServer {
     const [start, end] = [motion.start, motion.end].map((edge) => placeAbout(same ? edge : multiply(edge, moved), origin));
     return { start, end, shutter: motion.direction };
   }
-  async draw(values, depth) { // all rows by all workers, as floats
+  inTurn(work) { return (this.turn = (this.turn ?? Promise.resolve()).catch(() => {}).then(work)); }
+  draw(values, depth) { return this.inTurn(() => this.drawRows(values, depth)); }
+  async drawRows(values, depth) { // all rows by all workers, as floats
     const lens = this.resize(values.lens, values.width, values.height), { width, height } = lens, rows = Math.ceil(height / 16);
     const background = this.content.background ?? [0, 0, 0], alpha = depth || values.mode === "alpha" || !this.content.background;
     const job = { lens, background, alpha, depth, ...this.place(values) };
@@ -371,9 +380,9 @@ class PageServer {
       brush.stroke();
     }
   }
-  async pick({ frame: wish, pixel: [x, y] }) {
+  async pick({ frame: wish, pixel: picked }) {
     const frame = asStored(wish);
-    const pixel = [[x, y], [y, frame.height - x], [frame.width - x, frame.height - y], [frame.width - y, x]][wish.turns ?? 0];
+    const pixel = turnedBack(picked, frame.width, frame.height, wish.turns ?? 0);
     const { width, height, lens, alpha, depth } = await this.draw(frame, true);
     const at = Math.min(height - 1, Math.max(0, Math.floor(pixel[1]))) * width + Math.min(width - 1, Math.max(0, Math.floor(pixel[0])));
     const { origins, rays, valid } = this.borrow(lens, (camera) => this.core.unproject(camera, pixel));
