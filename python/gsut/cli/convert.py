@@ -29,8 +29,9 @@ _PLAYCANVAS = (".sog", ".compressed.ply")  # which PlayCanvas' viewers show
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "source", metavar="IN", help="a finished run, or a file of Gaussians of any known format"
-    )
+        "source", metavar="IN",
+        help="a finished run, a file of Gaussians of any known format, or streamed levels",
+    )  # fmt: skip
     parser.add_argument("out", metavar="OUT", help="the file to write; its suffix says the format")
     parser.add_argument(
         "--three-scales", action="store_true",
@@ -111,7 +112,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _write_stream(arguments: argparse.Namespace, out: Path) -> int:
-    """Writes levels of detail of a run, and prints what each is worth."""
+    """Writes levels of detail of a run, and prints the PSNR of each."""
     from gsut.files import whole_folder
     from gsut.formats import check_room, write_levels
     from gsut.run import RunFile, RunFolder
