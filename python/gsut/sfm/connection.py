@@ -14,7 +14,7 @@ from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import explain_failure, require_overlap
 from gsut.sfm.rig import solve_rig
 from gsut.sfm.solution import Adjustment, measure_diagonal, solve_poses
-from gsut.sfm.starts import compare_halves, register_left_out
+from gsut.sfm.starts import compare_halves, register_left_out, try_other_starts
 
 _A_FEW = 12  # images, up to which learned features are added where those of SIFT hold poses badly
 # Error over the diagonal from which on poses of nine in ten pairs of images are not usable.
@@ -41,6 +41,8 @@ def map_connected(mapping: Mapping) -> Mapping:
         after, notes[:] = list(notes), before
         with contextlib.suppress(SolveError):
             joined = register_left_out(_map_photographs(more))
+            if is_weak and not joined.solved.registered.all():
+                joined = register_left_out(try_other_starts(joined))
             gained = joined.solved.num_registered - np.count_nonzero(~absent)
             if gained > 0 or (is_weak and gained == 0 and _measure_halves(joined) < off):
                 found = np.flatnonzero(absent & joined.solved.registered)
