@@ -181,7 +181,7 @@ class Evidence:
 
     @functools.cached_property
     def _triangulated(self) -> tuple[np.ndarray, np.ndarray]:
-        """Distances (2, M) from both cameras, and (M,) whether the match fits and shows them."""
+        """Computes distances (2, M) from both cameras, and (M,) whether a match shows them."""
         rays, density = self._rays_of_data
         distance, sine = triangulate_distances(rays, self._poses)
         tolerance = 2 * self.noise
@@ -191,7 +191,7 @@ class Evidence:
 
     @property
     def _poses(self) -> np.ndarray:
-        """The given poses (2, M, 4, 4) of the matches."""
+        """Returns the given poses (2, M, 4, 4) of the matches."""
         return self.given.poses[self.views, self.moments if self.given.poses.shape[1] > 1 else 0]
 
     def triangulate(self) -> np.ndarray:
