@@ -10,8 +10,7 @@ import numpy as np
 from calib.boards import Board
 from calib.camera import PIXEL_SHIFT, CameraSolution
 from calib.trust import TRUSTED_SIGMA_PX, Halves, Trust, trace_trusted_outline
-from gsut.page import Chart, Style, paint_values, plot_map, plot_residuals
-from gsut.page.plots import ImageChart
+from gsut.page import Chart, ImageChart, Style, paint_values, plot_map, plot_residuals
 
 _SIGMA_RANGE = (0.02, 20.0)  # pixels: ends of the colour scale of the uncertainty
 _HALVES_RANGE = (1e-3, 1.0)  # degrees: ends of the colour scale of the difference of two lenses

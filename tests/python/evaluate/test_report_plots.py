@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from gsut.evaluate.report_plots import plot_curve, plot_rings
-from gsut.page import plot_residuals
-from gsut.page.plots import ImageChart
+from gsut.page import ImageChart, plot_residuals
 from gsut.page.chart import Chart, _list_log_ticks, _list_ticks
 from gsut.run import TrainOptions
 
