@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from gsut.check.colors import EXPECTED_R, correlate_colors
@@ -18,7 +20,6 @@ _UNITS = {  # points' unit over the poses' -> names of both
     100.0: ("centimetres", "metres"),
     1e3: ("millimetres", "metres"),
 }
-_SCALES = tuple(10.0**power for power in range(-6, 7) if power)  # without a name of their own
 _NEAR_SCALES = 2.0 ** np.linspace(-2, 2, 17)  # times the ratio of spreads, which is inexact
 _OTHER_SCALE = 30.0  # ratio of spreads that points far behind what matches show do not reach
 _NEAR_UNIT = 2.5  # factor within which a ratio of distances counts as the ratio of two units
@@ -119,22 +120,20 @@ def _try_other_axes(colors: _PointColors, where: str) -> list[Finding]:
 def _try_other_scales(
     colors: _PointColors | None, ratio: float | None, where: str
 ) -> list[Finding]:
-    """Tries scales that are no unit's, and names that of the colours or that of the matches."""
-    advice = (
-        "multiply the points by {:.3g}, or scale the poses' positions, so that both are of one "
-    )
-    advice += "model"
-    if colors is not None:
-        near = [] if ratio is None else (ratio * _NEAR_SCALES).tolist()
-        value, scale = max((colors.correlate(np.eye(3) / each), each) for each in (*_SCALES, *near))
-        if value >= max(EXPECTED_R, colors.given + _COLOR_GAIN):
-            what = f"the points' colours agree with the photographs at r = {value:.2f} if they are "
-            what += f"multiplied by {1 / scale:.3g}, as they are at {colors.given:.2f}"
-            return [Finding("error", where, what, advice.format(1 / scale))]
+    """Tries scales that are no unit's, about that of the matches; without these says nothing."""
     if ratio is None or 1 / _OTHER_SCALE < ratio < _OTHER_SCALE:
         return []
+    severity, scale = "warning", ratio
     what = f"the points spread {ratio:.3g} times as far as the things that the photographs show"
-    return [Finding("warning", where, what, advice.format(1 / ratio))]
+    if colors is not None:
+        scales = [10.0 ** round(math.log10(ratio)), *(ratio * _NEAR_SCALES)]
+        value, found = max((colors.correlate(np.eye(3) / each), each) for each in scales)
+        if value >= max(EXPECTED_R, colors.given + _COLOR_GAIN):
+            severity, scale = "error", found
+            what += f", and their colours agree at r = {value:.2f} if they are multiplied by "
+            what += f"{1 / scale:.3g}, as they are at {colors.given:.2f}"
+    advice = f"multiply the points by {1 / scale:.3g}, or scale the poses' positions: both must be "
+    return [Finding(severity, where, what, f"{advice}of one model")]
 
 
 def _name_axes(axes: np.ndarray) -> str:
