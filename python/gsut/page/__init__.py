@@ -11,10 +11,11 @@ from gsut.page.page import (
     paint_values,
     render_template,
 )
-from gsut.page.plots import plot_map, plot_residuals
+from gsut.page.plots import ImageChart, plot_map, plot_residuals
 
 __all__ = [
     "Chart",
+    "ImageChart",
     "Style",
     "build_page",
     "build_table",
