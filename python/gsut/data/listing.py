@@ -11,6 +11,7 @@ import numpy as np
 from gsut._core import Shutter
 from gsut.data.colmap import RigPlace
 from gsut.data.points import load_points_ply
+from gsut.data.scene import DISTANCES, DepthForm
 from gsut.lens import Camera
 
 
@@ -32,6 +33,7 @@ class Frame:
     normal_path: Path | None = None
     turns: int = 0  # clockwise, by a quarter each, that show the image upright
     rig: RigPlace | None = None
+    depth_form: DepthForm = DISTANCES
 
 
 @dataclasses.dataclass

@@ -76,8 +76,8 @@ def read_dataset(path: Path, *, on_error: OnError = raise_error) -> Listing:
             path,
             "; ".join(filter(None, ["no dataset found", find_foreign_files(path)]))
             + f"; looked for {looked}",
-            "lay the files out in one of these ways (docs/datasets.md), or let `gsut scene` make a "
-            "scene of photographs",
+            "lay them out in one of these ways (docs/datasets.md), or make a scene of photographs "
+            "by `gsut scene`",
         )
     with reading(path, _ADVICE, DatasetError):
         return _read(layout, path, on_error)
