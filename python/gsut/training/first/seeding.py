@@ -116,7 +116,8 @@ def _find_points_by_depth(scene: Scene, most: int, seed: int) -> Colored | None:
         return None
     mesh = cloud.to_mesh()
     rows = choose_points(len(cloud), most, seed)
-    return mesh.vertices[rows], np.round(255 * mesh.colors[rows]).astype(np.uint8)
+    colors = np.round(255 * np.asarray(mesh.colors)[rows]).astype(np.uint8)
+    return mesh.vertices[rows], colors
 
 
 def _find_sky_to_seed(scene: Scene, options: TrainOptions) -> Colored | None:
