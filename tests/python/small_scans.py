@@ -139,3 +139,23 @@ def write_stray(folder: Path) -> None:
         numbers = [*pose[:3, 3], *Rotation.from_matrix(pose[:3, :3]).as_quat()]
         lines.append(f"{200 + i / 60}, {i:06d}, " + ", ".join(map(repr, map(float, numbers))))
     (folder / "odometry.csv").write_text("\n".join(lines) + "\n")
+
+
+def format_las(points, colors=None, version=2, kind=2, many=None) -> bytes:
+    """Formats a LAS file of version 1.2 (formats 0, 2) or 1.4 (format 7)."""
+    size, at = {0: (20, None), 2: (26, 20), 7: (36, 30), 0x82: (26, 20)}[kind]
+    length = 375 if version == 4 else 227
+    head = bytearray(length)
+    head[:4], head[24:26] = b"LASF", bytes([1, version])
+    struct.pack_into("<HI", head, 94, length, length)
+    struct.pack_into("<BHI", head, 104, kind, size, 0 if version == 4 else len(points))
+    offset = np.floor(points.min(axis=0))
+    struct.pack_into("<6d", head, 131, 1e-3, 1e-3, 1e-3, *offset)
+    if version == 4:
+        struct.pack_into("<Q", head, 247, len(points))
+    rows = np.zeros((len(points), size), np.uint8)
+    steps = np.round((points - offset) / 1e-3).astype("<i4")
+    rows[:, :12] = steps.view(np.uint8).reshape(-1, 12)
+    if colors is not None:
+        rows[:, at : at + 6] = colors.astype("<u2").view(np.uint8).reshape(-1, 6)
+    return bytes(head) + rows.tobytes()

@@ -65,7 +65,8 @@ def read_dataset(path: Path, *, on_error: OnError = raise_error) -> Listing:
     if layout is None and path.is_file():
         raise DatasetError(
             path,
-            "a file that is neither a transforms.json nor a dataset.yaml",
+            find_foreign_files(path)
+            or "a file that is neither a transforms.json nor a dataset.yaml",
             f"give the dataset's folder; of a video `gsut scene {path} -o RUN` makes a scene",
         )
     if layout is None:
