@@ -10,8 +10,12 @@ import numpy as np
 from gsut.data.errors import DatasetError
 from gsut.files import check_regular, read_bytes, register_reader
 
-# Places in the header (ASPRS, LAS 1.4 R15, table 3): version, first point and format, counts.
-_VERSION, _POINTS_AT, _FORMAT, _SCALES, _MANY = 24, 96, 104, 131, 247
+# Places in the header (ASPRS, LAS 1.4 R15, table 3).
+_VERSION = 24
+_POINTS_AT = 96  # of the place of the first point
+_FORMAT = 104  # of the points, then their size in bytes and their number
+_SCALES = 131  # of a step along each axis, then of the steps' zero
+_MANY = 247  # of the number of points in 64 bits
 _MINOR_OF_MANY = 4  # version 1.4 counts points by 64 bits
 _COLORS_AT = {2: 20, 3: 28, 5: 28, 7: 30, 8: 30, 10: 30}  # in a point of each format with colours
 _COMPRESSED = 0x80  # bit of the format
