@@ -185,7 +185,7 @@ def _announce(options: SceneOptions, pictures: Capture) -> str:
 
 def _make_training_options(options: SceneOptions) -> TrainOptions:
     o = options
-    make = functools.partial(TrainOptions, preset=o.preset)
+    make = functools.partial(TrainOptions, preset=o.preset, keep_all_pixels=o.keep_all_pixels)
     return make() if o.steps is None else make(steps=o.steps)
 
 

@@ -2,6 +2,7 @@
 
 from gsut.evaluate.evaluation import evaluate, run_metrics
 from gsut.evaluate.held_out import mean_psnr
+from gsut.evaluate.marked import write_marked
 from gsut.evaluate.report import write_report
 from gsut.evaluate.report_plots import name_ring
 from gsut.evaluate.scene_page import write_scene_page
@@ -11,6 +12,7 @@ __all__ = [
     "mean_psnr",
     "name_ring",
     "run_metrics",
+    "write_marked",
     "write_report",
     "write_scene_page",
 ]

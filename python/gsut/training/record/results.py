@@ -13,6 +13,7 @@ from gsut.data import Scene
 from gsut.evaluate import (
     evaluate,
     run_metrics,
+    write_marked,
     write_report,
 )
 from gsut.formats import NO_BACKGROUND, name_origin, prepare_for_file, save_ply
@@ -104,10 +105,28 @@ def measure_training(
         trained = evaluate(gaussians, scene, some, find_moving=movers.scale_mask, **how)
         metrics |= {f"{key}_train": trained[key] for key in ("psnr", "detail")}
         metrics["patch_train"] = statistics.median(row["patch"] for row in trained["views"])
+    if run is not None:
+        metrics["marked"] = _mark_fixed(run, scene)
     metrics["notes"] += loop.notes
     if loop.refiner is not None:
         metrics["refinement"] = loop.refiner.summarize()
     return scene, metrics
+
+
+def _mark_fixed(run: RunFolder, scene: Scene) -> list[dict[str, Any]]:
+    """Writes a photograph for each different set of fixed pixels, with these marked."""
+    first: dict[int, int] = {}  # by its array
+    for index in scene.train_indices:
+        fixed = scene.fixed[scene.views[index].camera_index] if scene.fixed else None
+        if fixed is not None:
+            first.setdefault(id(fixed), index)
+    return [
+        write_marked(
+            run, scene, index, scene.fixed[scene.views[index].camera_index],
+            f"fixed_{number}.png", "pixels that show the same in all images, left out",
+        )
+        for number, index in enumerate(first.values())
+    ]  # fmt: skip
 
 
 def write_results(
