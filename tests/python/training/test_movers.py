@@ -40,13 +40,19 @@ def wall():
     )  # fmt: skip
 
 
+def make_pose(view):
+    """Makes the pose of a view in a row of places before the wall."""
+    pose = np.eye(4)
+    pose[:3, 3] = [0.12 * (view - VIEWS // 2), 0.05 * (view % 3), 0.0]
+    return pose
+
+
 def write_views(folder, wall, moved):
     """Writes views of the wall from a row of places; somebody passes in those of `moved`."""
     frames, lens = [], pinhole(SIZE)
     (folder / "images").mkdir(parents=True)
     for view in range(VIEWS):
-        pose = np.eye(4)
-        pose[:3, 3] = [0.12 * (view - VIEWS // 2), 0.05 * (view % 3), 0.0]
+        pose = make_pose(view)
         image = gsut.render(wall, lens, pose).image
         picture = np.round(255 * np.clip(image, 0, 1)).astype(np.uint8)
         if view in moved:
