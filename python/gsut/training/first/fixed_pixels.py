@@ -70,7 +70,7 @@ def _find_fixed(scene: Scene, indices: Sequence[int]) -> np.ndarray | None:
 def _shows_fixed(camera: Camera, fixed: np.ndarray) -> bool:
     """Returns whether most fixed pixels have a ray: otherwise the lens leaves them out."""
     has_ray = np.asarray(camera.resize(*fixed.shape[::-1]).rays()[1])
-    return 2 * np.count_nonzero(fixed & has_ray) >= np.count_nonzero(fixed)
+    return bool(2 * np.count_nonzero(fixed & has_ray) >= np.count_nonzero(fixed))
 
 
 def describe_fixed(scene: Scene) -> list[str]:

@@ -115,18 +115,16 @@ def measure_training(
 
 def _mark_fixed(run: RunFolder, scene: Scene) -> list[dict[str, Any]]:
     """Writes a photograph for each different set of fixed pixels, with these marked."""
-    first: dict[int, int] = {}  # by its array
+    first: dict[int, tuple[int, np.ndarray]] = {}  # by the array
     for index in scene.train_indices:
         fixed = scene.fixed[scene.views[index].camera_index] if scene.fixed else None
         if fixed is not None:
-            first.setdefault(id(fixed), index)
+            first.setdefault(id(fixed), (index, fixed))
+    text = "pixels that show the same in all images, left out"
     return [
-        write_marked(
-            run, scene, index, scene.fixed[scene.views[index].camera_index],
-            f"fixed_{number}.png", "pixels that show the same in all images, left out",
-        )
-        for number, index in enumerate(first.values())
-    ]  # fmt: skip
+        write_marked(run, scene, index, fixed, f"fixed_{number}.png", text)
+        for number, (index, fixed) in enumerate(first.values())
+    ]
 
 
 def write_results(
