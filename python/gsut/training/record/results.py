@@ -106,7 +106,7 @@ def measure_training(
         metrics |= {f"{key}_train": trained[key] for key in ("psnr", "detail")}
         metrics["patch_train"] = statistics.median(row["patch"] for row in trained["views"])
     if run is not None:
-        metrics["marked"] = _mark_fixed(run, scene)
+        metrics["marked"] = [*_mark_fixed(run, scene), *_mark_moved(run, scene, movers)]
     metrics["notes"] += loop.notes
     if loop.refiner is not None:
         metrics["refinement"] = loop.refiner.summarize()
@@ -125,6 +125,17 @@ def _mark_fixed(run: RunFolder, scene: Scene) -> list[dict[str, Any]]:
         write_marked(run, scene, index, fixed, f"fixed_{number}.png", text)
         for number, (index, fixed) in enumerate(first.values())
     ]
+
+
+def _mark_moved(run: RunFolder, scene: Scene, movers: Movers) -> list[dict[str, Any]]:
+    """Writes the training photograph of which movers take most, with these marked."""
+    if not movers.masks:
+        return []
+    view = max(movers.masks, key=lambda index: float(movers.masks[index].mean()))
+    mask, share = movers.masks[view], movers.measure_share(len(scene.train_indices))
+    text = f"what moved past, left out: {100 * mask.mean():.0f} % of this photograph, "
+    text += f"{100 * share:.1f} % of all"
+    return [write_marked(run, scene, view, mask, "moved.png", text)]
 
 
 def write_results(
