@@ -95,6 +95,10 @@ def make_confidence() -> Confidence:
     return Confidence.from_sums(gaussians, *np.ones((3, 9)))
 
 
+def write_stream(file: Path) -> None:
+    formats.write_levels(file.parent, [plain_scene(np.random.default_rng(1), 60)], [30.0])
+
+
 def write_scene(file: Path) -> None:
     formats.save_gaussians(file, plain_scene(np.random.default_rng(1), 60))
 
@@ -248,6 +252,7 @@ EXAMPLES: dict[str, Make] = {
     # Of binary files, which tests/python/malformed.py damages, too.
     "PLY of Gaussians": write_by("s.ply", write_scene, formats.load_gaussians),
     "SOG": write_by("s.sog", write_scene, formats.load_gaussians),
+    "streamed SOG": write_by("lod-meta.json", write_stream, formats.load_gaussians),
     "SPZ": write_by("s.spz", write_scene, formats.load_gaussians),
     "compressed PLY": write_by("s.compressed.ply", write_scene, formats.load_gaussians),
     "film": write_by(

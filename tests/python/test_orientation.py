@@ -14,7 +14,8 @@ from gsut.data.scene import find_up
 from gsut.lens import Camera
 from gsut.orientation import count_turns, turn_camera, turn_picture, turn_pixel, turn_size
 from gsut.render import make_orbit_path, make_tour_path, smooth_path, write_png
-from gsut.view import Session, Stage
+from gsut.view import Session
+from gsut.view.stage import Stage
 from random_scenes import gaussians_in_view, rng_of
 from small_run import inward_pose
 from tolerances.view import JPEG_LEVELS, LEVEL_HORIZON

@@ -3,11 +3,10 @@
 from gsut.check.dataset import check_scene, diagnose, doctor
 from gsut.check.findings import Finding, format_findings, stop_at_errors
 from gsut.check.matches import match_neighbours
-from gsut.check.memory import check_memory, refuse_too_large
+from gsut.check.memory import refuse_too_large
 
 __all__ = [
     "Finding",
-    "check_memory",
     "check_scene",
     "diagnose",
     "doctor",

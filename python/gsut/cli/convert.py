@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import time
 from pathlib import Path
 from typing import Any
 
 from gsut._core import InputError
-from gsut.cli._flags import add_json, print_json
+from gsut.cli._flags import FILE_SUFFIXES, add_json, print_json
 from gsut.files import refuse_existing
 
 HELP = "a scene in another format: SPZ, SOG, glTF, USD, PLY, a page for any browser"
@@ -28,8 +29,9 @@ _PLAYCANVAS = (".sog", ".compressed.ply")  # which PlayCanvas' viewers show
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
-        "source", metavar="IN", help="a finished run, or a file of Gaussians of any known format"
-    )
+        "source", metavar="IN",
+        help="a finished run, a file of Gaussians of any known format, or streamed levels",
+    )  # fmt: skip
     parser.add_argument("out", metavar="OUT", help="the file to write; its suffix says the format")
     parser.add_argument(
         "--three-scales", action="store_true",
@@ -41,6 +43,12 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="viewers: fine-tune a run's scene so that viewers, which draw every Gaussian affinely "
         "and 0.3 pixels wider, show it as gsut does; gsut itself then shows it a little thinner "
         "[default gsut: as it is]",
+    )  # fmt: skip
+    parser.add_argument(
+        "--stream", action="store_true",
+        help="OUT is a new folder of levels of detail, which PlayCanvas, SuperSplat and Babylon "
+        "load piece by piece (streamed SOG, lod-meta.json); IN is a run, on whose photographs each "
+        "level is measured",
     )  # fmt: skip
     pages = parser.add_argument_group("of a page (.html)")
     pages.add_argument("--title", help="[default: the run's or file's name]")
@@ -67,11 +75,13 @@ def run(arguments: argparse.Namespace) -> int:
     )
 
     out = Path(arguments.out)
-    if out.suffix.lower() == _PAGE:
+    if out.suffix.lower() == _PAGE and not arguments.stream:
         refuse_existing(out)
         return _write_page(arguments, out)
     if arguments.title is not None or arguments.views or arguments.address is not None:
         raise InputError(f"{out}: only a page has --title, --view and --address; give an .html")
+    if arguments.stream:
+        return _write_stream(arguments, out)
     chosen = choose_format(out)
     refuse_existing(out)
     path = find_scene_file(Path(arguments.source))
@@ -83,7 +93,7 @@ def run(arguments: argparse.Namespace) -> int:
     settings = WriteSettings(antialiased=found.antialiased, three_scales=arguments.three_scales)
     figures = {
         "source": str(path),
-        "source_bytes": path.stat().st_size,
+        "source_bytes": _count_bytes(path),
         "out": str(out),
         "format": chosen.name,
         "num_gaussians": len(gaussians),
@@ -98,6 +108,56 @@ def run(arguments: argparse.Namespace) -> int:
         print_json(figures)
     else:
         _print_summary(figures)
+    return 0
+
+
+def _write_stream(arguments: argparse.Namespace, out: Path) -> int:
+    """Writes levels of detail of a run, and prints the PSNR of each."""
+    from gsut.files import whole_folder
+    from gsut.formats import check_room, write_levels
+    from gsut.run import RunFile, RunFolder
+    from gsut.terminal import say
+    from gsut.training import load_run
+    from gsut.training.tuning import make_levels
+
+    if arguments.reader == "viewers" or arguments.three_scales:
+        raise InputError(
+            "levels hold the scene as gsut draws it; leave --for viewers and --three-scales out"
+        )
+    if out.suffix.lower() in FILE_SUFFIXES:
+        raise InputError(f"{out}: --stream writes a folder; give a name without {out.suffix}")
+    if not (Path(arguments.source) / RunFile.OPTIONS).is_file():
+        raise InputError(
+            f"{arguments.source} is no run: --stream measures its levels on a run's photographs; "
+            "give the folder of a run"
+        )
+    with whole_folder(out) as folder:
+        trained = load_run(RunFolder.open(arguments.source).path)
+        check_room("making levels of", [trained.gaussians], _WORKING)
+
+        def on_level(count: int, psnr: float) -> None:
+            if not arguments.json:
+                say(f"{count:,} Gaussians: {psnr:.2f} dB")
+
+        levels = make_levels(trained, on_level)
+        written = write_levels(folder, levels.gaussians, levels.psnrs, levels.environment)
+    figures = {
+        "source": str(arguments.source), "out": str(out), "format": "streamed SOG",
+        "psnr": levels.psnrs, **dataclasses.asdict(written),
+    }  # fmt: skip
+    if arguments.json:
+        print_json(figures)
+        return 0
+    for count, psnr, chunks, size in zip(
+        written.counts, levels.psnrs, written.chunks, written.level_bytes, strict=True
+    ):
+        pieces = f"{chunks} piece{'s' if chunks > 1 else ''}"
+        print(f"{count:,} Gaussians, {psnr:.2f} dB, {size / 1e6:.2f} MB in {pieces}")
+    if written.environment_bytes:
+        print(f"far surroundings, in every level: {written.environment_bytes / 1e6:.2f} MB")
+    print(f"first picture after {written.first_bytes / 1e3:.0f} kB: {out} (streamed SOG)")
+    for sentence in written.left_out:
+        print(sentence)
     return 0
 
 
@@ -181,6 +241,7 @@ def _link_in_report(out: Path) -> None:
 
 def find_scene_file(source: Path) -> Path:
     """Returns the scene file of a run, or the file itself."""
+    from gsut.formats import TABLE
     from gsut.run import RunFile, RunFolder
 
     if not source.exists():
@@ -189,10 +250,20 @@ def find_scene_file(source: Path) -> Path:
         )
     if not source.is_dir():
         return source
+    if (source / TABLE).is_file():
+        return source / TABLE
     path = RunFolder.open(source).path / RunFile.SCENE
     if not path.is_file():
         raise InputError(f"{path} is absent: the run is not finished; resume it")
     return path
+
+
+def _count_bytes(path: Path) -> int:
+    """Counts the bytes of a scene's file, or of all files of streamed levels."""
+    from gsut.formats import TABLE
+
+    files = path.parent.rglob("*") if path.name == TABLE else [path]
+    return sum(file.stat().st_size for file in files)
 
 
 def _write(out: Path, gaussians: Any, settings: Any) -> dict[str, Any]:

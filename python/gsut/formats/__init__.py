@@ -26,13 +26,16 @@ from gsut.formats._format import (
     check_room,
     find_drawable,
     keep_drawable,
+    list_losses,
 )
 from gsut.formats._origin import name_origin, prepare_for_file
+from gsut.formats._streamed import TABLE, read_levels, write_levels
 from gsut.formats.ply import NO_BACKGROUND, load_ply, open_ply, save_ply, save_ply_parts
 from gsut.gaussians import Gaussians
 
 __all__ = [
     "NO_BACKGROUND",
+    "TABLE",
     "WriteSettings",
     "check_room",
     "choose_format",
@@ -46,6 +49,7 @@ __all__ = [
     "save_gaussians",
     "save_ply",
     "save_ply_parts",
+    "write_levels",
 ]
 _SNIFFED_BYTES = 4096
 # Suffixes of other programs' checkpoints. No format: they hold code, or not how they are drawn.
@@ -101,7 +105,7 @@ def load_gaussians(path: str | os.PathLike[str]) -> Gaussians:
 
     Args:
         path: the file, .ply, .spz, .sog, .glb, .splat, .usd...; its suffix and its first bytes say
-            the format.
+            the format. Of a folder of streamed SOG the finest level is read.
 
     Returns:
         float32 Gaussians in the file's coordinates. Those with values that are not finite, or with
@@ -117,6 +121,11 @@ def load_gaussians(path: str | os.PathLike[str]) -> Gaussians:
 def read_scene_file(path: str | os.PathLike[str]) -> SceneFile:
     """Reads Gaussians as `load_gaussians` does, with the file's other statements."""
     path = Path(path)
+    if path.is_dir() and (path / TABLE).is_file():
+        path /= TABLE
+    if path.name == TABLE:
+        found = read_levels(path)
+        return dataclasses.replace(found, gaussians=keep_drawable(path, found.gaussians))
     candidates = _match_formats(path, "read")
     with open_binary(path) as file:
         head = file.read(_SNIFFED_BYTES)
@@ -162,24 +171,5 @@ def save_gaussians(
     held = g if chosen.keeps_primitive else g.to_primitive(Gaussians.PRIMITIVES[0])
     written = chosen.write(path, held if good.all() else held[good], settings)
     rows = kept if written.rows is None else kept[written.rows]
-    left_out = written.left_out
-    if g.are_surfels and (settings.three_scales or not chosen.keeps_surfels):
-        left_out += ("surfels: the file holds Gaussians a ten-thousandth as thick as wide",)
-    if g.origin.any() and not chosen.keeps_origin:
-        left_out += (f"where the scene lies: the file holds {name_origin(g.origin)}",)
-    if g.response != Gaussians.RESPONSES[0] and not chosen.keeps_rule:
-        left_out += (
-            f"the response {g.response}: the file is drawn by the maximum, which is another "
-            "picture (gsut convert --for viewers brings it closer)",
-        )
-    if g.order != Gaussians.ORDERS[0] and not chosen.keeps_rule:
-        left_out += (
-            f"the order {g.order}: gsut draws the file by the distance, other viewers by z (gsut "
-            "convert --for viewers brings it closer)",
-        )
-    if g.primitive != Gaussians.PRIMITIVES[0] and not chosen.keeps_primitive:
-        left_out += (
-            f"the primitive {g.primitive}: the file holds Gaussians of the same width, which are "
-            "another picture (gsut convert --for viewers brings it closer)",
-        )
+    left_out = written.left_out + list_losses(g, chosen, settings.three_scales)
     return Written(rows, {k: v for k, v in written.clipped.items() if v}, left_out)

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import InputError
+from gsut.formats._origin import name_origin
 from gsut.gaussians import Gaussians, count_bytes_per_gaussian
 from gsut.run import check_fits
 
@@ -159,3 +160,34 @@ def check_claim(path: Path, count: int, size: int, what: str = "Gaussians") -> N
             "damaged"
         )
     check_fits(f"reading {count:,} {what} of {path}", _LEAST_BYTES * count, ELSEWHERE)
+
+
+def list_losses(g: Gaussians, chosen: Format, three_scales: bool = False) -> tuple[str, ...]:
+    """Lists in sentences what a format has no place for.
+
+    Args:
+        g: as they are prepared for the file.
+        chosen: the format.
+        three_scales: see `WriteSettings`.
+    """
+    left_out: tuple[str, ...] = ()
+    if g.are_surfels and (three_scales or not chosen.keeps_surfels):
+        left_out += ("surfels: the file holds Gaussians a ten-thousandth as thick as wide",)
+    if g.origin.any() and not chosen.keeps_origin:
+        left_out += (f"where the scene lies: the file holds {name_origin(g.origin)}",)
+    if g.response != Gaussians.RESPONSES[0] and not chosen.keeps_rule:
+        left_out += (
+            f"the response {g.response}: the file is drawn by the maximum, which is another "
+            "picture (gsut convert --for viewers brings it closer)",
+        )
+    if g.order != Gaussians.ORDERS[0] and not chosen.keeps_rule:
+        left_out += (
+            f"the order {g.order}: gsut draws the file by the distance, other viewers by z (gsut "
+            "convert --for viewers brings it closer)",
+        )
+    if g.primitive != Gaussians.PRIMITIVES[0] and not chosen.keeps_primitive:
+        left_out += (
+            f"the primitive {g.primitive}: the file holds Gaussians of the same width, which are "
+            "another picture (gsut convert --for viewers brings it closer)",
+        )
+    return left_out

@@ -33,7 +33,7 @@ from gsut.formats._quantize import (
 )
 from gsut.gaussians import Gaussians, order_by_morton_code
 
-_META = "meta.json"
+META = "meta.json"
 _MOST_META = 1 << 20  # bytes; real ones have 16 thousand
 _LOSSLESS = [cv2.IMWRITE_WEBP_QUALITY, 101]  # what OpenCV takes for: lossless
 _MOST_SIDE = 16383  # pixels of a WebP image
@@ -46,21 +46,35 @@ _SHARING = 4
 
 
 def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written:
-    # WebP keeps no colour where alpha is 0.
-    seen = np.flatnonzero(np.rint(255 * opacity_from_logits(gaussians.opacity_logits)) > 0)
+    seen = find_visible(gaussians)
     if not len(seen):
         raise InputError(f"{path}: all Gaussians are of opacity 0; there is nothing to write")
     order = seen[order_by_morton_code(gaussians.means[seen])]
-    g = gaussians[order]
-    images, meta = _encode_images(g)
-    if settings.antialiased:
-        meta |= {"antialias": True, "model": "antialiased"}
-    members = {name: _encode_webp(path, pixels) for name, pixels in images.items()}
-    members[_META] = json.dumps(meta, separators=(",", ":")).encode()
-    write_archive(path, members.items())
+    write_archive(path, encode_members(path, gaussians[order], settings.antialiased).items())
     unseen = len(gaussians) - len(seen)
     said = f"{unseen:,} Gaussians of opacity below 1/510, which nobody sees, were left out"
     return Written(order, {}, (said,) if unseen else ())
+
+
+def find_visible(gaussians: Gaussians) -> np.ndarray:
+    """Finds the rows whose opacity is not stored as 0: WebP keeps no colour where alpha is 0."""
+    return np.flatnonzero(np.rint(255 * opacity_from_logits(gaussians.opacity_logits)) > 0)
+
+
+def encode_members(path: Path, g: Gaussians, antialiased: bool) -> dict[str, bytes]:
+    """Encodes visible Gaussians, in their order, as the files of a SOG by name.
+
+    Args:
+        path: for messages.
+        g: at least one, all visible.
+        antialiased: see `WriteSettings`.
+    """
+    images, meta = _encode_images(g)
+    if antialiased:
+        meta |= {"antialias": True, "model": "antialiased"}
+    members = {name: _encode_webp(path, pixels) for name, pixels in images.items()}
+    members[META] = json.dumps(meta, separators=(",", ":")).encode()
+    return members
 
 
 def _encode_images(g: Gaussians) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
@@ -143,15 +157,26 @@ def _encode_webp(path: Path, pixels: np.ndarray) -> bytes:
 @register_reader("SOG", ".sog")
 def _read(path: Path) -> SceneFile:
     with open_archive(path) as archive, reading(path):
-        if _META not in archive.names:
-            raise InputError(f"{path}: no SOG file: {_META} is missing")
-        text = archive.read(_META, _MOST_META)
-        meta = Fields(path, parse_json(text, f"{path}, {_META}", {}))
-        if (version := meta.values.get("version")) != 2:
-            raise InputError(f"{path}: SOG version {version}; gsut reads 2")
-        count = meta.read_whole("count", 1)
-        check_claim(path, count, os.path.getsize(path))
-        gaussians = _decode_gaussians(_Images(path, archive), meta, count)
+        if META not in archive.names:
+            raise InputError(f"{path}: no SOG file: {META} is missing")
+        return decode_members(path, archive, os.path.getsize(path))
+
+
+def decode_members(path: Path, archive: Any, size: int) -> SceneFile:
+    """Decodes the files of a SOG.
+
+    Args:
+        path: for messages.
+        archive: `read(name, most_bytes)` returns the bytes of a file.
+        size: bytes of all of them.
+    """
+    text = archive.read(META, _MOST_META)
+    meta = Fields(path, parse_json(text, f"{path}, {META}", {}))
+    if (version := meta.values.get("version")) != 2:
+        raise InputError(f"{path}: SOG version {version}; gsut reads 2")
+    count = meta.read_whole("count", 1)
+    check_claim(path, count, size)
+    gaussians = _decode_gaussians(_Images(path, archive), meta, count)
     antialiased = meta.values.get("antialias") is True
     antialiased |= meta.values.get("model") == "antialiased"
     return SceneFile(gaussians, antialiased)

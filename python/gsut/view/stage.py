@@ -15,7 +15,7 @@ from gsut.check import Finding
 from gsut.data import Scene, load_dataset
 from gsut.data.poses import invert_pose
 from gsut.data.scene import find_up, find_upright_poses
-from gsut.formats import read_scene_file
+from gsut.formats import TABLE, read_scene_file
 from gsut.gaussians import seed_from_points
 from gsut.lens import Camera
 from gsut.render import Light
@@ -123,7 +123,9 @@ def open_stage(path: str | os.PathLike[str], data: str | None = None) -> Stage:
             name, "run", gaussians, scene, options.background, figures=figures,
             light=read_light(run, scene), folder=place,
         )  # fmt: skip
-    if place.is_file() and place.suffix.lower() != ".json":
+    if (place / TABLE).is_file():
+        place /= TABLE
+    if place.is_file() and (place.suffix.lower() != ".json" or place.name == TABLE):
         file = read_scene_file(place)
         photographs = None if data is None else load_dataset(data)
         behind = None if file.no_background else (0.0, 0.0, 0.0)

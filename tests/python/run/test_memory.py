@@ -8,7 +8,8 @@ import pytest
 import gsut
 import small_datasets
 from formats.scene_cases import plain_scene
-from gsut.check import check_memory, refuse_too_large
+from gsut.check import refuse_too_large
+from gsut.check.memory import check_memory
 from gsut.cli import main
 from gsut.run import check_fits, format_size, free_memory, memory
 

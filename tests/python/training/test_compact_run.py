@@ -13,6 +13,7 @@ from gsut.cli import main
 from gsut.run.folder import RunFile
 from gsut.run.options import parse_size
 from gsut.training import TrainedRun
+from gsut.training.tuning import levels
 from gsut.training.tuning.compact_run import CompactOptions, RunCompactor, count_for_bytes
 from gsut.training.tuning.finetuning import finetune, finetune_options
 from random_scenes import arrays_of
@@ -206,3 +207,49 @@ def test_compact_of_odd_ply_files_works_and_says_what_was_dropped(tmp_path, caps
         assert abs(len(small) - left) <= 1, name
         assert small.sh_degree == 0
         assert all(np.isfinite(getattr(small, f)).all() for f in ("means", "sh", "log_scales"))
+
+
+def test_stream_writes_smaller_levels_of_lower_psnr_and_keeps_a_full_folder(
+    run, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.setattr(levels, "_FIRST", 20)
+    out = tmp_path / "levels"
+    assert main(["convert", str(run), str(out), "--stream", "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["counts"][0] == 300 and found["counts"][-1] == 20
+    assert found["counts"] == sorted(found["counts"], reverse=True)
+    assert len(found["psnr"]) >= 2 and found["psnr"][0] == pytest.approx(
+        metrics_of(run)["psnr"], abs=1e-3
+    )
+    assert found["psnr"][1:] == sorted(found["psnr"][1:], reverse=True)
+    assert found["first_bytes"] < 300_000
+    before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+    assert main(["convert", str(run), str(out), "--stream"]) == 2
+    assert "is not empty; give another folder" in capsys.readouterr().err
+    assert before == {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+    assert main(["convert", str(out), str(tmp_path / "back.ply")]) == 0
+    assert len(gsut.load_gaussians(tmp_path / "back.ply")) == 300
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["out.sog"], "--stream writes a folder"),
+        (["out", "--for", "viewers"], "levels hold the scene as gsut draws it"),
+        (["out", "--title", "x"], "only a page has --title"),
+    ],
+)
+def test_stream_refuses_what_a_folder_has_not(words, said, run, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["convert", str(run), *words, "--stream"]) == 2
+    assert said in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_far_gaussians_are_the_environment_of_every_level(run, scene, monkeypatch):
+    trained = gsut.training.load_run(run)
+    g = trained.gaussians.to_dtype(np.float32)
+    g.means[:7] = 1e3
+    points = np.random.default_rng(1).normal(size=(50, 3))
+    monkeypatch.setattr(type(scene), "points", points, raising=False)
+    assert np.flatnonzero(levels._find_far(trained._replace(gaussians=g))).tolist() == [*range(7)]

@@ -11,8 +11,9 @@ import gsut
 import small_run
 from gsut import InputError
 from gsut.cli import main
-from gsut.view import Session, Stage
+from gsut.view import Session
 from gsut.view.measure import find_point_in_photograph
+from gsut.view.stage import Stage
 from random_scenes import fisheye, gaussians_in_view, rng_of
 from tolerances.view import MEASURED, PICKED_POINT
 

@@ -13,7 +13,8 @@ import small_run
 from browser import browser
 from gsut.cli import main
 from gsut.formats import save_gaussians
-from gsut.view import Session, Stage
+from gsut.view import Session
+from gsut.view.stage import Stage
 from random_scenes import fisheye, gaussians_in_view, list_models, rng_of, small_camera
 from tolerances.view import MOVING_LEVELS, MOVING_SURROUNDED_LEVELS
 

@@ -8,7 +8,8 @@ import pytest
 import gsut
 import small_run
 from browser import browser
-from gsut.view import Session, Stage, ViewServer
+from gsut.view import Session, ViewServer
+from gsut.view.stage import Stage
 from random_scenes import fisheye, gaussians_in_view, list_models, rng_of
 from tolerances.view import MEASURED
 

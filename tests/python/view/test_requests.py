@@ -12,8 +12,9 @@ import pytest
 from test_server import ask, sentence
 
 import small_run
-from gsut.view import LOOPBACK, Session, Stage, ViewServer
+from gsut.view import LOOPBACK, Session, ViewServer
 from gsut.view import server as server_module
+from gsut.view.stage import Stage
 from random_scenes import gaussians_in_view, rng_of
 
 SECONDS = 20.0  # for any answer, on a busy machine

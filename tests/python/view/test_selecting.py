@@ -12,7 +12,8 @@ import small_run
 from browser import browser
 from gsut.cli import main
 from gsut.hand_edits import apply_edits, read_edits
-from gsut.view import Session, Stage, ViewServer
+from gsut.view import Session, ViewServer
+from gsut.view.stage import Stage
 from random_scenes import gaussians_in_view, rng_of
 
 COUNT = 300

@@ -15,11 +15,12 @@ from gsut.data.poses import read_path
 from gsut.lens import measure_field_of_view, with_field_of_view
 from gsut.lens.files import camera_from_values
 from gsut.render import Falloff, Light, PixelFilter, to_uint8
-from gsut.view import Session, Stage
+from gsut.view import Session
 from gsut.view.frame_request import MODES
 from gsut.view.frames import _draw_normals
 from gsut.view.lenses import Lenses
 from gsut.view.overlays import make_frustum
+from gsut.view.stage import Stage
 from random_scenes import every_lens, fisheye, gaussians_in_view, pinhole, rng_of
 from tolerances.view import FIELD_OF_VIEW_DEGREES, PICKED_POINT
 
