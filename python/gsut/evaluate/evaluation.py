@@ -40,7 +40,7 @@ FIGURES = (
     "psnr", "ssim", "detail", "unseen", "moving", "psnr_unit_gain", "psnr_color_corrected",
     "psnr_half_image",
 )  # fmt: skip
-_DETAILS = "detail", "detail_shifted", "patch"  # of a view, by `measure_details`
+_DETAILS = "detail", "detail_shifted", "patch", "detail_outside"  # of a view, by `measure_details`
 # Called with a view, width and height; returns (height, width) bool, or None if nothing moved.
 FindMoving = Callable[[int, int, int], np.ndarray | None]
 _DEPTH_LEVELS = 65535  # of a 16-bit picture
@@ -83,6 +83,7 @@ def evaluate(
                 some training view could see what is there and nothing moved.
             patch: of a view: share of the picture that a connected patch takes in which far less
                 detail is right than in the whole; 0: there is none.
+            detail_outside: of a view: detail outside that patch.
             unseen: share of the pixels that show what no training view could see.
             moving: share of the pixels that show what moved.
             detail_median, detail_min, least_detailed: of the views: median and least, and the

@@ -12,6 +12,7 @@ import numpy as np
 from gsut.data import Scene
 from gsut.evaluate import (
     evaluate,
+    find_wrong_patch,
     run_metrics,
     write_marked,
     write_report,
@@ -20,7 +21,7 @@ from gsut.formats import NO_BACKGROUND, name_origin, prepare_for_file, save_ply
 from gsut.gaussians import Gaussians
 from gsut.judge.checks import judge_training
 from gsut.refine import evaluate_aligned, write_refined
-from gsut.render import Light
+from gsut.render import Light, render
 from gsut.run import RunFile, RunFolder, TrainOptions
 from gsut.training.loop import TrainingLoop
 from gsut.training.photograph import Movers
@@ -99,14 +100,20 @@ def measure_training(
         find_movers=find_movers,
     )  # fmt: skip
     metrics["moving_train"] = loop.outliers.movers.measure_share(len(scene.train_indices))
+    if run is not None:
+        metrics["marked"] = [*_mark_fixed(run, scene), *_mark_moved(run, scene, movers)]
     if scene.test_indices:
         some = scene.train_indices[:: -(-len(scene.train_indices) // _BESIDE)]
         how: dict[str, Any] = {"background": background, "light": light}
         trained = evaluate(gaussians, scene, some, find_moving=movers.scale_mask, **how)
         metrics |= {f"{key}_train": trained[key] for key in ("psnr", "detail")}
-        metrics["patch_train"] = statistics.median(row["patch"] for row in trained["views"])
-    if run is not None:
-        metrics["marked"] = [*_mark_fixed(run, scene), *_mark_moved(run, scene, movers)]
+        rows = trained["views"]
+        metrics["patch_train"] = statistics.median(row["patch"] for row in rows)
+        metrics["detail_outside_train"] = statistics.median(row["detail_outside"] for row in rows)
+        if run is not None and metrics["patch_train"] > 0:
+            shares = {index: row["patch"] for index, row in zip(some, rows, strict=True)}
+            worst = max(some, key=lambda index: shares[index])
+            metrics["marked"].append(_mark_patch(run, scene, gaussians, worst, light))
     metrics["notes"] += loop.notes
     if loop.refiner is not None:
         metrics["refinement"] = loop.refiner.summarize()
@@ -136,6 +143,19 @@ def _mark_moved(run: RunFolder, scene: Scene, movers: Movers) -> list[dict[str, 
     text = f"what moved past, left out: {100 * mask.mean():.0f} % of this photograph, "
     text += f"{100 * share:.1f} % of all"
     return [write_marked(run, scene, view, mask, "moved.png", text)]
+
+
+def _mark_patch(
+    run: RunFolder, scene: Scene, gaussians: Gaussians, view: int, light: Light | None
+) -> dict[str, Any]:
+    """Writes a view's photograph with the patch marked that its render shows worst."""
+    camera, of = scene.camera(view), scene.views[view]
+    image = render(gaussians, camera, of.motion).image
+    if light is not None:
+        image = image * light.on(camera, view, of.camera_index)
+    where = find_wrong_patch(scene.image(view), np.clip(image, 0, 1), scene.mask(view))
+    text = "far less detail is right here than in the rest of the picture"
+    return write_marked(run, scene, view, where, "patch.png", text)
 
 
 def write_results(
