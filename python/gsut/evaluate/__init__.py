@@ -1,20 +1,16 @@
 """Held-out figures and the report of a run."""
 
-from gsut.evaluate.detail import find_wrong_patch
 from gsut.evaluate.evaluation import evaluate, run_metrics
 from gsut.evaluate.held_out import mean_psnr
-from gsut.evaluate.marked import write_marked
 from gsut.evaluate.report import write_report
 from gsut.evaluate.report_plots import name_ring
 from gsut.evaluate.scene_page import write_scene_page
 
 __all__ = [
     "evaluate",
-    "find_wrong_patch",
     "mean_psnr",
     "name_ring",
     "run_metrics",
-    "write_marked",
     "write_report",
     "write_scene_page",
 ]

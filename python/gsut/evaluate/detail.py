@@ -56,7 +56,7 @@ def measure_detail(photograph: np.ndarray, image: np.ndarray, mask: np.ndarray) 
 
 def measure_details(
     photograph: np.ndarray, image: np.ndarray, mask: np.ndarray
-) -> tuple[float, float, float, float]:
+) -> tuple[float, float, np.ndarray, float]:
     """Measures the detail that is right, also after a shift, and the largest patch that is wrong.
 
     Where a pose or a lens is wrong, a shift brings detail back; blur, holes and what moved it does
@@ -67,9 +67,9 @@ def measure_details(
 
     Returns:
         The result of `measure_detail`; the detail of the render shifted by what phase correlation
-        finds, the first again if that is more; the share of the picture that the largest connected
-        patch takes in which far less detail is right than in the whole picture; and the result of
-        `measure_detail` outside that patch.
+        finds, the first again if that is more; (h, w) bool at the size at which detail is
+        compared, the largest connected patch in which far less detail is right than in the whole
+        picture, all False if there is none; and the result of `measure_detail` outside it.
     """
     import cv2
 
@@ -77,7 +77,7 @@ def measure_details(
     detail = _Detail(truth, mask)
     plain = detail.measure(shown)
     where = detail.find_wrong_patch(shown)
-    patch = float(where.mean()), detail.measure(shown, ~where)
+    patch = where, detail.measure(shown, ~where)
     if min(mask.shape) < _SMALLEST:
         return plain, plain, *patch
     weight = mask.astype(np.float32)
@@ -92,18 +92,6 @@ def measure_details(
     move = np.array([[1, 0, right], [0, 1, down]], np.float32)
     shifted = cv2.warpAffine(shown, move, size, borderMode=cv2.BORDER_REPLICATE)
     return plain, max(plain, detail.measure(shifted)), *patch
-
-
-def find_wrong_patch(photograph: np.ndarray, image: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """Finds the largest connected patch in which far less detail is right than in the whole.
-
-    Args:
-        photograph, image, mask: see `measure_detail`.
-
-    Returns:
-        (h, w) bool at the size at which detail is compared; all False if there is none.
-    """
-    return _Detail(_average_photograph(photograph), mask).find_wrong_patch(_average_channels(image))
 
 
 class _Detail:

@@ -52,6 +52,6 @@ def test_photographs_of_a_mask_keep_all_that_it_lets_in(circle):
 def test_fixed_pixels_are_marked_in_the_report(circle, tmp_path):
     options = TrainOptions(steps=3, sh_degree=0, max_gaussians=100)
     result = gsut.train(circle, options, out=tmp_path / "run", progress=False)
-    (row,) = result.metrics["marked"]
+    row, *_ = result.metrics["marked"]
     assert (RunFolder(tmp_path / "run").renders / row["picture"]).is_file()
     assert row["text"] in (tmp_path / "run" / "report.html").read_text("utf-8")

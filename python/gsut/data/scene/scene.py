@@ -301,20 +301,11 @@ class Scene:
         key = (view.image_path, view.mask_path, view.camera_index)
         return self._masks.get(key, lambda: (self._make_mask(view),))[0]
 
-    def lens_mask(self, camera_index: int) -> np.ndarray:
-        """Makes (H, W) bool, True where a camera sees the scene: pixels with a ray, not fixed."""
+    def find_lens_mask(self, camera_index: int) -> np.ndarray:
+        """Finds (H, W) bool, True where a camera sees the scene: pixels with a ray, not fixed."""
+        sizes = self.cameras[camera_index], self.file_cameras[camera_index]
         fixed = self.fixed[camera_index] if self.fixed else None
-
-        def make() -> tuple[np.ndarray]:
-            valid = make_lens_mask(self.cameras[camera_index], self.file_cameras[camera_index])
-            if fixed is not None:
-                rows, columns = (
-                    np.arange(n) * f // n for n, f in zip(valid.shape, fixed.shape, strict=True)
-                )
-                valid = valid & ~fixed[np.ix_(rows, columns)]
-            return (valid,)
-
-        return self._masks.get(("lens", camera_index), make)[0]
+        return self._masks.get(("lens", camera_index), lambda: (_mask_lens(*sizes, fixed),))[0]
 
     def check_pixels(self) -> None:
         """Decodes every image and mask once: raises the DatasetError of the first damaged one."""
@@ -338,7 +329,7 @@ class Scene:
 
     def _make_mask(self, view: View) -> np.ndarray:
         camera = self.cameras[view.camera_index]
-        valid = self.lens_mask(view.camera_index)
+        valid = self.find_lens_mask(view.camera_index)
         alpha = self._read_pixels(view)[1]
         if alpha is not None:
             valid = valid & alpha
@@ -350,6 +341,16 @@ class Scene:
                 key, lambda: (read_mask(path, full, camera.width, camera.height),)
             )[0]  # fmt: skip
         return _require_pixels(valid, view)
+
+
+def _mask_lens(camera: Camera, full: Camera, fixed: np.ndarray | None) -> np.ndarray:
+    """Makes (H, W) bool, True where a camera has rays and its pixels are not `fixed`."""
+    valid = make_lens_mask(camera, full)
+    if fixed is None:
+        return valid
+    sizes = zip(valid.shape, fixed.shape, strict=True)
+    nearest = (np.arange(size) * of // size for size, of in sizes)
+    return valid & ~fixed[np.ix_(*nearest)]
 
 
 def keep_at_most(scene: Scene, size: float) -> None:

@@ -40,7 +40,7 @@ def find_fixed_of_cameras(scene: Scene) -> tuple[np.ndarray | None, ...]:
     for group in groups.values():
         fixed = _find_fixed(scene, group)
         for number in {scene.views[index].camera_index for index in group}:
-            if fixed is not None and _shows_fixed(scene.cameras[number], fixed):
+            if fixed is not None and _is_shown(scene.cameras[number], fixed):
                 found[number] = fixed
     return tuple(found) if any(each is not None for each in found) else ()
 
@@ -67,7 +67,7 @@ def _find_fixed(scene: Scene, indices: Sequence[int]) -> np.ndarray | None:
     return fixed if fixed.any() else None
 
 
-def _shows_fixed(camera: Camera, fixed: np.ndarray) -> bool:
+def _is_shown(camera: Camera, fixed: np.ndarray) -> bool:
     """Returns whether most fixed pixels have a ray: otherwise the lens leaves them out."""
     has_ray = np.asarray(camera.resize(*fixed.shape[::-1]).rays()[1])
     return bool(2 * np.count_nonzero(fixed & has_ray) >= np.count_nonzero(fixed))

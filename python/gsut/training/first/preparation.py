@@ -60,7 +60,7 @@ def find_plain_background(scene: Scene) -> tuple[float, float, float] | None:
         edge = np.ones(mask.shape, bool)
         edge[1:-1, 1:-1] = False
         edges += int(np.count_nonzero(edge))
-        seen = scene.lens_mask(scene.views[index].camera_index)
+        seen = scene.find_lens_mask(scene.views[index].camera_index)
         cut_out += int(np.count_nonzero(edge & ~mask & seen))
         colors.append(scene.image(index)[edge & mask].astype(np.int16))
     if 2 * cut_out > edges:

@@ -42,6 +42,9 @@ _SPREADS = 3.0
 _SHADE = 1.6
 # Side in pixels of the window in which more than half must differ: single pixels are no mover.
 _WINDOW = 5
+# Pixels from which something moved in a view in which the first comparison found nothing: the second
+# one leaves fewer photographs to compare with.
+_LEAST_NEW = 2 * _WINDOW**2
 # Alpha from which a pixel has a distance.
 _OPAQUE = 0.5
 
@@ -65,6 +68,13 @@ class _Look:
     camera: Any
     pose: np.ndarray
     mask: np.ndarray
+
+    def hide(self, moved: np.ndarray | None) -> _Look:
+        """Returns what is seen beside what moved, (H, W) bool; None: nothing did."""
+        if moved is None:
+            return self
+        distances = np.where(moved, np.float32(np.inf), self.distances)
+        return dataclasses.replace(self, distances=distances)
 
     @property
     def center(self) -> np.ndarray:
@@ -115,12 +125,26 @@ class Movers:
             """Lists what the view shows, and what the nearest training views show."""
             away = np.linalg.norm(centers[train] - centers[index], axis=1)
             nearest = [int(i) for i in train[np.argsort(away, kind="stable")] if i != index]
-            return [look_at(each) for each in (index, *nearest[:_NEAREST])]
+            others = [look_at(each).hide(moved.get(each)) for each in nearest[:_NEAREST]]
+            return [look_at(index), *others]
 
+        def compare_all(views: Sequence[int]) -> dict[int, np.ndarray]:
+            tasks = [threads.submit(_compare, *list_looks(index)) for index in views]
+            found = zip(views, (task.result() for task in tasks), strict=True)
+            return {index: mask for index, mask in found if mask.any()}
+
+        moved = dict[int, np.ndarray]()
         with concurrent.futures.ThreadPoolExecutor(_core.num_threads(), "gsut-movers") as threads:
-            tasks = [threads.submit(_compare, *list_looks(index)) for index in indices]
-            found = zip(indices, (task.result() for task in tasks), strict=True)
-            return cls({index: mask for index, mask in found if mask.any()})
+            found = compare_all(indices)
+            if found:  # once more, without what the others show of the movers
+                moved = compare_all(train.tolist()) if set(indices) - set(train) else found
+                again = compare_all(indices)
+                found |= {
+                    index: found[index] | mask if index in found else mask
+                    for index, mask in again.items()
+                    if index in found or np.count_nonzero(mask) > _LEAST_NEW
+                }
+        return cls(found)
 
     def scale_mask(self, view: int, width: int, height: int) -> np.ndarray | None:
         """Returns a view's mask (height, width), or None where nothing moved."""

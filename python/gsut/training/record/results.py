@@ -12,19 +12,18 @@ import numpy as np
 from gsut.data import Scene
 from gsut.evaluate import (
     evaluate,
-    find_wrong_patch,
     run_metrics,
-    write_marked,
     write_report,
 )
 from gsut.formats import NO_BACKGROUND, name_origin, prepare_for_file, save_ply
 from gsut.gaussians import Gaussians
 from gsut.judge.checks import judge_training
 from gsut.refine import evaluate_aligned, write_refined
-from gsut.render import Light, render
+from gsut.render import Light
 from gsut.run import RunFile, RunFolder, TrainOptions
 from gsut.training.loop import TrainingLoop
 from gsut.training.photograph import Movers
+from gsut.training.record.marked import write_marked
 from gsut.training.record.trained_run import TrainedRun
 
 # Training views that are measured if none is held out: each takes a render.
@@ -105,15 +104,18 @@ def measure_training(
     if scene.test_indices:
         some = scene.train_indices[:: -(-len(scene.train_indices) // _BESIDE)]
         how: dict[str, Any] = {"background": background, "light": light}
-        trained = evaluate(gaussians, scene, some, find_moving=movers.scale_mask, **how)
+        trained = evaluate(
+            gaussians, scene, some, find_moving=movers.scale_mask, keep_patches=True, **how
+        )
         metrics |= {f"{key}_train": trained[key] for key in ("psnr", "detail")}
         rows = trained["views"]
         metrics["patch_train"] = statistics.median(row["patch"] for row in rows)
         metrics["detail_outside_train"] = statistics.median(row["detail_outside"] for row in rows)
         if run is not None and metrics["patch_train"] > 0:
-            shares = {index: row["patch"] for index, row in zip(some, rows, strict=True)}
-            worst = max(some, key=lambda index: shares[index])
-            metrics["marked"].append(_mark_patch(run, scene, gaussians, worst, light))
+            row, view = max(zip(rows, some, strict=True), key=lambda pair: pair[0]["patch"])
+            text = "far less detail is right here than in the rest of the picture"
+            marked = write_marked(run, scene, view, row["wrong_patch"], "patch.png", text)
+            metrics["marked"].append(marked)
     metrics["notes"] += loop.notes
     if loop.refiner is not None:
         metrics["refinement"] = loop.refiner.summarize()
@@ -143,19 +145,6 @@ def _mark_moved(run: RunFolder, scene: Scene, movers: Movers) -> list[dict[str, 
     text = f"what moved past, left out: {100 * mask.mean():.0f} % of this photograph, "
     text += f"{100 * share:.1f} % of all"
     return [write_marked(run, scene, view, mask, "moved.png", text)]
-
-
-def _mark_patch(
-    run: RunFolder, scene: Scene, gaussians: Gaussians, view: int, light: Light | None
-) -> dict[str, Any]:
-    """Writes a view's photograph with the patch marked that its render shows worst."""
-    camera, of = scene.camera(view), scene.views[view]
-    image = render(gaussians, camera, of.motion).image
-    if light is not None:
-        image = image * light.on(camera, view, of.camera_index)
-    where = find_wrong_patch(scene.image(view), np.clip(image, 0, 1), scene.mask(view))
-    text = "far less detail is right here than in the rest of the picture"
-    return write_marked(run, scene, view, where, "patch.png", text)
 
 
 def write_results(
