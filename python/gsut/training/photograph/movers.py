@@ -42,8 +42,8 @@ _SPREADS = 3.0
 _SHADE = 1.6
 # Side in pixels of the window in which more than half must differ: single pixels are no mover.
 _WINDOW = 5
-# Pixels from which something moved in a view in which the first comparison found nothing: the second
-# one leaves fewer photographs to compare with.
+# Pixels from which something moved in a view in which the first comparison found nothing: fewer
+# photographs are left for the second one.
 _LEAST_NEW = 2 * _WINDOW**2
 # Alpha from which a pixel has a distance.
 _OPAQUE = 0.5
