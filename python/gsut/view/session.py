@@ -105,12 +105,12 @@ class Session:
 
     def write_page(
         self, path: Path, photographs: int, title: str | None = None,
-        views: Sequence[str] = (), address: str | None = None,
+        views: Sequence[str] = (), address: str | None = None, credit: str | None = None,
     ) -> Any:  # fmt: skip
         """Writes the page with the scene in it as one file; views: "NAME=WHERE", else as
         `PageSettings`."""
         named = tuple(read_named_view(text, self.stage) for text in views)
-        return write_page(path, self, PageSettings(photographs, title, named, address))
+        return write_page(path, self, PageSettings(photographs, title, named, address, credit))
 
     def describe_scene(self, _: dict[str, Any]) -> Reply:
         """Returns everything that the page needs at its start."""
