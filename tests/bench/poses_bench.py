@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
+import itertools
 import json
 import os
 import subprocess
 import tempfile
-from collections.abc import Iterator
+import unittest.mock
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from gsut._core import InputError, SolveError
 from gsut.data import read_dataset
+from gsut.gaussians import measure_rotation_angles
 from gsut.lens import convert_camera, save_camera
 from gsut.lens.files import to_colmap
 from gsut.sfm import PoseErrors, PosesOptions, compare_datasets, compare_poses, find_poses
@@ -27,6 +32,8 @@ from tests.bench.lens_walks import WALKS
 _SETS = (HALL, "sponza_fisheye", "fox", "helmet_distorted_rs", "gopro_max_walk")
 LENSES = "lenses"  # a walk through a lens of each family
 KNOWN, UNKNOWN = "known", "unknown"
+ALL, SIFT = "all", "SIFT"
+AUC_DEGREES = (1, 5, 10)
 _FEWEST = 3  # images with a pose, without which there is no similarity to compare by
 
 
@@ -41,7 +48,8 @@ def list_cases(settings: Settings) -> Iterator[Row]:
             if lens != UNKNOWN and path is not None and not _has_poses(path):
                 continue  # a folder of images has no lens of its own
             case = {"data": data, "lens": lens}
-            yield case | {"program": "gsut"}
+            for features in settings.features:
+                yield case | {"program": "gsut" if features == ALL else f"gsut, {features}"}
             if settings.pycolmap and lens in (KNOWN, UNKNOWN):
                 yield case | {"program": "pycolmap"}
 
@@ -51,13 +59,14 @@ def measure(case: Row, settings: Settings) -> Row:
     data = settings.path(case["data"])
     if case["program"] == "pycolmap":
         return measure_pycolmap(data, case["lens"], settings.pycolmap, settings.threads)
-    lens = case["lens"]
+    lens, is_all = case["lens"], case["program"] == "gsut"
     with tempfile.TemporaryDirectory(prefix="gsut-poses-") as folder:
         fitted = None if lens in (KNOWN, UNKNOWN) else fit_lens(data, lens, Path(folder))
         options = _choose_options(data, settings)
         try:
             options = dataclasses.replace(options, unknown_lens=lens == UNKNOWN)
-            result = find_poses(data, folder, camera=fitted, options=options)
+            with contextlib.nullcontext() if is_all else leave_out_learned():
+                result = find_poses(data, folder, camera=fitted, options=options)
         except SolveError as error:
             return {"registered": 0, WRONG: str(error)}
         figures = result.figures
@@ -73,6 +82,7 @@ def measure(case: Row, settings: Settings) -> Row:
             row["focal_sigma_percent"] = figures["focal_sigma_percent"]
         if _has_poses(data) and result.solution.num_registered >= _FEWEST:
             row |= _describe_errors(compare_datasets(data, folder))
+            row |= measure_auc(read_poses_by_path(Path(folder)), read_poses_by_path(data))
             if lens == UNKNOWN:
                 known = read_dataset(data).frames[0].camera.params[:2].mean()
                 found = result.solution.cameras[0].params[:2].mean()
@@ -151,16 +161,49 @@ def measure_pycolmap(data: Path, lens: str, python: str, threads: int) -> Row:
         "cpu_seconds": sum(found["cpu_seconds"].values()),
     }
     if _has_poses(data) and len(found["poses"]) >= _FEWEST:
-        row |= _describe_errors(_compare_by_names(found["poses"], root, data))
+        poses = {root / name: complete_pose(pose) for name, pose in found["poses"].items()}
+        reference = read_poses_by_path(data)
+        shared = [path for path in poses if path in reference]
+        errors = compare_poses(
+            np.array([poses[path] for path in shared]),
+            np.array([reference[path] for path in shared]),
+        )
+        row |= _describe_errors(errors) | measure_auc(poses, reference)
     return row
 
 
-def _compare_by_names(found: Row, root: Path, data: Path) -> PoseErrors:
-    """Compares poses (3, 4) by the images' names below `root` with a dataset's."""
-    reference = read_poses_by_path(data)
-    chosen = [name for name in found if root / name in reference]
-    poses = np.array([[*found[name], [0.0, 0.0, 0.0, 1.0]] for name in chosen])
-    return compare_poses(poses, np.array([reference[root / name] for name in chosen]))
+def complete_pose(rows: Sequence[Sequence[float]]) -> np.ndarray:
+    """Returns (4, 4) of a pose's first three rows."""
+    return np.array([*rows, [0.0, 0.0, 0.0, 1.0]])
+
+
+def measure_auc(found: dict[Path, np.ndarray], truth: dict[Path, np.ndarray]) -> Row:
+    """Measures the area under the recall curve of pairs of images up to each of some angles.
+
+    The error of a pair is the larger of the angles between rotations and between directions of
+    the baseline; a pair of which an image has no pose has none of the area.
+
+    Args:
+        found, truth: camera_from_world (4, 4) by image.
+    """
+    errors = []
+    for pair in itertools.combinations(sorted(truth), 2):
+        if not all(path in found for path in pair):
+            errors.append(np.inf)
+            continue
+        own, right = (poses[pair[1]] @ np.linalg.inv(poses[pair[0]]) for poses in (found, truth))
+        turn = measure_rotation_angles((own[:3, :3] @ right[:3, :3].T)[None])[0]
+        sine = np.linalg.norm(np.cross(own[:3, 3], right[:3, 3]))
+        errors.append(np.degrees(max(turn, np.arctan2(sine, own[:3, 3] @ right[:3, 3]))))
+    return {
+        f"auc_{limit}": 100 * float(np.mean(np.clip(1 - np.array(errors) / limit, 0, 1)))
+        for limit in AUC_DEGREES
+    }
+
+
+def leave_out_learned() -> contextlib.AbstractContextManager[Any]:
+    """Returns a block in which `gsut poses` has no learned features."""
+    return unittest.mock.patch("gsut.sfm.connection.add_learned_features", lambda *_: None)
 
 
 BENCHMARK = Benchmark(
@@ -175,6 +218,7 @@ BENCHMARK = Benchmark(
         Column("centers_percent", "centres", "% of extent", ".3f"),
         Column("rotation_degrees", "rotation", "degrees", ".3f"),
         Column("rotation_max_degrees", "largest", "degrees", ".3f"),
+        *(Column(f"auc_{limit}", f"AUC@{limit}", "%", ".1f") for limit in AUC_DEGREES),
         Column("focal_error_percent", "focal length", "%", "+.2f"),
         Column("focal_sigma_percent", "stated", "%", ".2f"),
         Column("residual_px", "residual", "px", ".2f"),
@@ -186,6 +230,7 @@ BENCHMARK = Benchmark(
     measure=measure,
     options=(
         Option("lens", (KNOWN, UNKNOWN), "known, unknown, or models fitted to the known lens"),
+        Option("features", (ALL,), f"{ALL}, or {SIFT}: without learned features"),
         Option("shutter", "auto", "auto, global or rolling, as of gsut poses"),
         Option(
             "pycolmap",

@@ -8,6 +8,7 @@ SFM_SYNTHETIC_ATE_PERCENT = 0.011  # of the path, the same scene; worst 0.0057
 # Centres' error by adjustments that leave tracks out, over that by all tracks; worst 0.99
 SFM_THINNED_ATE_RATIO = 1.2
 SFM_FOCAL = 1.3e-4  # relative, of a lens found from 8 to 10 images, 0.1 px of noise; worst 6.8e-5
+SFM_FEW_NOISY_FOCAL = 0.02  # relative, of a lens by 6 images, 0.7 px of noise; worst 0.0099
 # Median, 12 images of sponza_fisheye, whose short path fixes the similarity badly; worst 0.089
 SFM_SPONZA_DEGREES = 0.1
 SFM_SPONZA_ATE_PERCENT = 0.04  # of their extent; worst 0.021

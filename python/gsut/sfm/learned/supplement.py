@@ -43,9 +43,10 @@ def add_learned_features(mapping: Mapping, absent: np.ndarray) -> Mapping | None
         return None
     path = find_weights()
     if path is None:
+        missing = f"connect {np.count_nonzero(absent)} of {len(absent)} images"
         mapping.log.note(
-            f"SIFT does not connect {np.count_nonzero(absent)} of {len(absent)} images; learned "
-            f"features often do where photographs are far apart: {INSTALL}"
+            f"SIFT does not {missing if absent.any() else 'hold the poses of these images'}; "
+            f"learned features often do where photographs are far apart: {INSTALL}"
         )
         return None
     learned = _read_all(mapping, read_weights(path), absent)

@@ -9,7 +9,6 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import SolveError
-from gsut.data import list_some
 from gsut.lens import Camera, with_scaled_focal
 from gsut.sfm.lens.candidates import DEFAULT_FIELD, make_lens
 from gsut.sfm.lens.search import ADVICE, START, choose_lens, search_lens
@@ -43,7 +42,7 @@ def search_lenses(mapping: Mapping) -> Mapping:
     Raises:
         SolveError: nothing could be reconstructed.
     """
-    groups, log = mapping.photographs.unknown_groups, mapping.log
+    groups = mapping.photographs.unknown_groups
     if len(groups) == 1 and len(groups[0].images) == len(mapping.photographs):
         return search_lens(mapping)
     lenses = _Lenses(mapping, groups)
@@ -67,14 +66,6 @@ def search_lenses(mapping: Mapping) -> Mapping:
     found = [group for group in open_groups if _fit_to_points(lenses, group)]
     if found:
         lenses.solve()
-    for group in open_groups:
-        if group not in found:
-            names = [mapping.photographs.names[i] for i in group.images]
-            log.note(
-                f"no lens was found for the {len(names)} images of the camera {group.name}, which "
-                f"have no pose: {list_some(names)}; give their lens file, or more images that "
-                "overlap with each other or with those of the other cameras"
-            )
     return lenses.mapping.add_findings({"lens_search": rows} if rows else None)
 
 

@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from gsut._core import SolveError
+from gsut.data import list_some
 from gsut.judge.checks import FOCAL_LIMIT
 from gsut.lens import Camera, LensProfile, measure_field_of_view
 from gsut.sfm.lens.center import describe_center
 from gsut.sfm.lens.covariance import LensCovariance, estimate_lens_covariances
 from gsut.sfm.lens.critical_motion import find_critical_motion
 from gsut.sfm.lens.given import check_given_lens
-from gsut.sfm.lens.prior import weigh_focal_prior
+from gsut.sfm.lens.prior import estimate_focal_sigma, weigh_focal_prior
 from gsut.sfm.mapping import Findings, Mapping
-from gsut.sfm.photographs import PosesOptions
+from gsut.sfm.photographs import LensGroup, PosesOptions
 from gsut.sfm.solution import FEATURE_VARIANCE, LensFlags, Solution, StatedTurns, index_lenses
 
 _CONTRADICTS = 0.1  # relative difference of focal lengths that needs an explanation
@@ -35,7 +37,10 @@ def judge_lens(mapping: Mapping) -> Mapping:
         lens = solution.cameras[int(np.flatnonzero(solution.registered)[0])]
         mapping = describe_center(mapping, lens, covariances[0] if covariances else None)
     motion = find_critical_motion(solution, mapping.pairs)
-    mapping, sigma = weigh_focal_prior(mapping, sigma)
+    if mapping.one_lens_free is None:
+        sigma = estimate_focal_sigma(mapping, flags, sigma)
+    else:
+        mapping, sigma = weigh_focal_prior(mapping, sigma)
     if mapping.turns is not None:
         gyroscope = mapping.found.figures["gyroscope"]
         # Features that disagree with the gyroscope know the focal length less well than they seem.
@@ -102,14 +107,31 @@ def compare_lens(mapping: Mapping) -> tuple[list[str], dict[str, Any]]:
     lens, notes = mapping.solved.cameras[0], []
     groups = photographs.groups
     if len(groups) > 1 or (groups and len(groups[0].images) < len(photographs)):
-        names = ", ".join(group.name or "images" for group in groups)
-        return [f"the lens of each of these cameras was found: {names}"], {}
+        return _describe_cameras(groups, mapping.solved), {}
     if figures["lens"] == "estimated" and photographs.exif_focal_px is not None:
         notes += explain_contradiction(photographs.exif_focal_px, lens)
     if photographs.profile is None:
         return notes, {}
     start = compare_with_profile(photographs.profile, lens, figures.get("readout"), mapping.options)
     return [*notes, describe_start(start)], {"lens_start": start}
+
+
+def _describe_cameras(groups: Sequence[LensGroup], solution: Solution) -> list[str]:
+    """Names the cameras whose lens was found, and those whose images all have no pose."""
+    notes, found = [], []
+    for group in groups:
+        if solution.registered[group.images].any():
+            found.append(group.name or "images")
+            continue
+        names = [solution.names[i] for i in group.images]
+        notes.append(
+            f"no lens was found for the {len(names)} images of the camera {group.name}, which "
+            f"have no pose: {list_some(names)}; give their lens file, or more images that "
+            "overlap with each other or with those of the other cameras"
+        )
+    if found:
+        notes.insert(0, f"the lens of each of these cameras was found: {', '.join(found)}")
+    return notes
 
 
 def compare_with_profile(

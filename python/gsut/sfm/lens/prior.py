@@ -10,7 +10,7 @@ import numpy as np
 
 from gsut._core import SolveError
 from gsut.judge import SURE
-from gsut.lens import FocalPrior, find_focal_params, with_scaled_focal
+from gsut.lens import Camera, FocalPrior, find_focal_params, with_scaled_focal
 from gsut.sfm.lens.candidates import guess_lens
 from gsut.sfm.lens.covariance import estimate_lens_covariances
 from gsut.sfm.lens.information import GROUPS, split_windows
@@ -19,10 +19,12 @@ from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import TRIAL_MATCHES, PairMatches, keep_most_distinct, verify_matches
 from gsut.sfm.solution import (
     Adjustment,
+    LensFlags,
     OnStep,
     ReadoutMotion,
     Solution,
     adjust_registered,
+    index_lenses,
     solve_poses,
 )
 from gsut.significance import convert_to_normal
@@ -59,7 +61,7 @@ def weigh_focal_prior(mapping: Mapping, features_sigma: float) -> tuple[Mapping,
     solution, flags = mapping.solved, mapping.one_lens_free
     if flags is None:
         return mapping, features_sigma
-    sigma = _estimate_focal_sigma(mapping, solution, flags, features_sigma)
+    sigma = estimate_focal_sigma(mapping, flags, features_sigma)
     prior = _find_prior(mapping)
     if prior is None:
         return mapping, sigma
@@ -112,7 +114,10 @@ def _find_prior(mapping: Mapping) -> FocalPrior | None:
 
 def find_focal(solution: Solution) -> float:
     """Returns the focal length in pixels that the one lens of a solution has."""
-    camera = solution.cameras[int(np.flatnonzero(solution.registered)[0])]
+    return _get_focal(solution.cameras[int(np.flatnonzero(solution.registered)[0])])
+
+
+def _get_focal(camera: Camera) -> float:
     return float(camera.params[find_focal_params(camera)[0]])
 
 
@@ -154,39 +159,54 @@ def _hold_focal(
     return held, pairs
 
 
-def _estimate_focal_sigma(
-    mapping: Mapping, solution: Solution, flags: np.ndarray, features_sigma: float
-) -> float:
+def estimate_focal_sigma(mapping: Mapping, flags: LensFlags, features_sigma: float) -> float:
     """Estimates the standard deviation of the logarithm of the focal length by the images alone.
 
     That of the features' errors, but at least how much the focal length varies when one group of
     images after the other is left out (the jackknife), or between windows of many images: what
     features share, a shutter, a lens of another shape and wrong matches hardly raise the residuals.
-    Infinite for fewer than four images.
+    Infinite for fewer than four images. Of several lenses that of the least known one; of many
+    images of several lenses, or of a rig, the features' alone.
     """
+    solution = mapping.solved
     if solution.num_registered < _FEWEST_IMAGES:
         return math.inf
-    is_large = solution.num_registered > _MOST_LEFT_OUT
-    measure = _measure_spread_of_windows if is_large else _measure_spread_without_groups
-    return max(features_sigma, measure(mapping, solution, flags))
+    spread = 0.0
+    if solution.num_registered > _MOST_LEFT_OUT:
+        if isinstance(flags, np.ndarray):
+            spread = _measure_spread_of_windows(mapping, solution, flags)
+    elif isinstance(flags, np.ndarray) or mapping.photographs.frames is None:
+        spread = _measure_spread_without_groups(mapping, solution, flags)
+    return max(features_sigma, spread)
 
 
-def _measure_spread_without_groups(
-    mapping: Mapping, solution: Solution, flags: np.ndarray
-) -> float:
-    """Measures how much the focal length varies when one group after the other is left out."""
+def _measure_spread_without_groups(mapping: Mapping, solution: Solution, flags: LensFlags) -> float:
+    """Measures how much focal lengths vary when one group after the other is left out.
+
+    Returns:
+        Of the lens that varies most; infinite where one is found fewer than twice.
+    """
     images = np.flatnonzero(solution.registered)
+    lenses = index_lenses(solution.cameras, flags)
+    of_image = np.array(lenses.of_image)
+    estimated = [i for i in np.unique(of_image[images]) if lenses.free[i] is not None]
 
-    def find_without(group: np.ndarray, on_step: OnStep) -> float | None:
-        """Finds the logarithm of the focal length without a group; None: too few are left."""
+    def find_without(group: np.ndarray, on_step: OnStep) -> list[float | None]:
+        """Finds the logarithm of each focal length without a group; None: too few are left."""
         kept = np.setdiff1d(images, group)
         found = _adjust_some(mapping, solution, flags, kept, TRIAL_MATCHES, on_step)
-        return None if found is None else math.log(find_focal(found))
+        if found is None:
+            return [None] * len(estimated)
+        own = [np.flatnonzero(found.registered & (of_image == lens)) for lens in estimated]
+        return [math.log(_get_focal(found.cameras[o[0]])) if len(o) else None for o in own]
 
     groups = np.array_split(images, min(GROUPS, len(images)))
     found = run_trials([functools.partial(find_without, group) for group in groups])
-    logs = [each for each in found if each is not None]
-    return math.sqrt((len(logs) - 1) * float(np.var(logs))) if len(logs) > 1 else math.inf
+    by_lens = [[log for log in logs if log is not None] for logs in zip(*found, strict=True)]
+    return max(
+        math.sqrt((len(logs) - 1) * float(np.var(logs))) if len(logs) > 1 else math.inf
+        for logs in by_lens
+    )
 
 
 def _measure_spread_of_windows(mapping: Mapping, solution: Solution, flags: np.ndarray) -> float:
@@ -222,7 +242,7 @@ def _measure_spread_of_windows(mapping: Mapping, solution: Solution, flags: np.n
 def _adjust_some(
     mapping: Mapping,
     solution: Solution,
-    flags: np.ndarray,
+    flags: LensFlags,
     images: np.ndarray,
     matches: int,
     on_step: OnStep,

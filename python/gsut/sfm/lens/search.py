@@ -39,6 +39,10 @@ _ASPECT = (0, 1)  # parameters: the focal lengths
 # Share by which a lens with more parameters must predict held-out observations better.
 _BETTER = 0.005  # for more radial coefficients
 _BETTER_ASPECT = 0.05  # for focal lengths that differ, which few lenses have
+_FEW_IMAGES = 10  # up to which the median of the held-out errors is of few observations
+# Standard deviations of the difference of two such medians, relative 1 / sqrt(observations), by
+# which more coefficients must then predict better.
+_SURE = 2.0
 _FIRST_IMAGES = 14  # best connected with each other, on which the first lenses are compared
 _MODEL_IMAGES = 20  # best connected with each other, on which models are compared
 _MOST_FIRST = 3  # lenses of the ranking that are reconstructed with
@@ -168,10 +172,14 @@ def _choose_model(
     models = _list_models(start)
     if trials.is_rolling:  # each trial starts from nothing: only the last model, the most general
         models = models[-1:]
-    lens = start.cameras[0]
+    lens, better = start.cameras[0], _BETTER  # than one coefficient
+    if start.num_registered <= _FEW_IMAGES:
+        better = max(better, _SURE / math.sqrt(max(1, len(start.held_out_observations))))
     found = trials.adjust(start, [(model(lens), flags) for flags, model in models], more)
     for (flags, _), solution in zip(models, found, strict=True):
-        if solution is not None and _is_better(solution, chosen[0], _BETTER):
+        if solution is None or not _is_better(solution, start, better):
+            continue
+        if _is_better(solution, chosen[0], _BETTER):
             chosen = solution, flags
     trials.share = 0.75
     lens, flags = chosen[0].cameras[0], chosen[1].copy()

@@ -1,0 +1,84 @@
+"""Estimates the poses that matches connect: of SIFT, and of learned features where needed."""
+
+from __future__ import annotations
+
+import contextlib
+
+import numpy as np
+
+from gsut._core import SolveError
+from gsut.data import list_some
+from gsut.sfm.learned import add_learned_features
+from gsut.sfm.lens import search_lenses
+from gsut.sfm.mapping import Mapping
+from gsut.sfm.matches import explain_failure, require_overlap
+from gsut.sfm.rig import solve_rig
+from gsut.sfm.solution import Adjustment, measure_diagonal, solve_poses
+from gsut.sfm.starts import compare_halves, register_left_out, try_other_starts
+
+_A_FEW = 12  # images, up to which learned features are added where those of SIFT hold poses badly
+# Error over the diagonal from which on poses of nine in ten pairs of images are not usable.
+_WEAK = 0.017
+
+
+def map_connected(mapping: Mapping) -> Mapping:
+    """Estimates poses and points, by learned features too where those of SIFT do not suffice.
+
+    They leave images out, or either half of them gives a few images other poses.
+    """
+    failure: SolveError | None = None
+    plain, absent, notes = mapping, np.ones(len(mapping.photographs), bool), mapping.log.notes
+    before = list(notes)
+    try:
+        plain = register_left_out(_map_photographs(mapping))
+        absent = ~plain.solved.registered
+    except SolveError as error:
+        failure = error
+    off = _measure_halves(plain) if failure is None and len(absent) <= _A_FEW else 0.0
+    is_weak = off > _WEAK
+    more = add_learned_features(mapping, absent) if is_weak or absent.any() else None
+    if more is not None:
+        after, notes[:] = list(notes), before
+        with contextlib.suppress(SolveError):
+            joined = register_left_out(_map_photographs(more))
+            if is_weak and not joined.solved.registered.all():
+                joined = register_left_out(try_other_starts(joined))
+            gained = joined.solved.num_registered - np.count_nonzero(~absent)
+            if gained > 0 or (is_weak and gained == 0 and _measure_halves(joined) < off):
+                found = np.flatnonzero(absent & joined.solved.registered)
+                names = [mapping.photographs.names[i] for i in found]
+                did = f"connected {list_some(names)}" if names else "hold the poses, SIFT's did not"
+                joined.log.note(f"learned features (XFeat) {did}")
+                return joined.add_findings({"learned": names})
+        notes[:] = after
+    if failure is not None:
+        raise failure
+    return plain
+
+
+def _measure_halves(mapping: Mapping) -> float:
+    """Measures how far apart poses of either half of the points are, over the diagonal."""
+    halves = compare_halves(mapping).found.halves_px
+    return 0.0 if halves is None else halves[0] / measure_diagonal(mapping.solved.cameras)
+
+
+def _map_photographs(mapping: Mapping) -> Mapping:
+    """Estimates poses and points: on a rig, through known lenses, or together with the lens."""
+    if mapping.found.figures["lens"] == "estimated":
+        mapping = search_lenses(mapping)
+    else:
+        require_overlap(mapping.images, mapping.pairs, is_lens_known=True)
+    if mapping.rig is not None:
+        return solve_rig(mapping)
+    if mapping.solution is not None:
+        return mapping
+    try:
+        solution = solve_poses(
+            mapping.images, mapping.pairs, mapping.options,
+            mapping.log.follow_steps("mapping"),
+            Adjustment(defer_covariances=mapping.shutter_follows),
+        )  # fmt: skip
+    except SolveError as error:
+        advice = "let the lens be estimated: --unknown-lens"
+        raise explain_failure(error, mapping.features, mapping.pairs, advice) from None
+    return mapping.replace(solution=solution)
