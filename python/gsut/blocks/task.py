@@ -109,6 +109,7 @@ class BlockTask:
             "views": [_pack_view(view) for view in scene.views],
             "world_offset": np.array(scene.world_offset),
             "decodes_small": scene.decodes_small,
+            "fixed": list(scene.fixed),
             "options": self.options.to_json(),
             "share": self.share,
             "extent": self.extent,
@@ -140,7 +141,7 @@ class BlockTask:
             np.zeros((0, 3)), np.zeros((0, 3)), tuple(range(len(values["views"]))), (),
             values["world_offset"],
             file_cameras=tuple(camera_from_values(each) for each in values["file_cameras"]),
-            decodes_small=values["decodes_small"],
+            decodes_small=values["decodes_small"], fixed=tuple(values["fixed"]),
         )  # fmt: skip
         names = ("share", "extent", "tiles", "rates", "keep_bytes", "begin", "end", "segments")
         rest: Any = {name: values[name] for name in names}
