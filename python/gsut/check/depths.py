@@ -22,11 +22,15 @@ _UNRELATED = 0.5  # likewise, beyond which no kind does
 _KINDS = (  # what files may hold: words, power of the distance, power of the cosine to the axis
     ("distances along the rays", 1, 0),
     ("z along the camera's axis", 1, 1),
+    ("distances, though they are stated to be z", 1, -1),
     ("the inverse of distances", -1, 0),
     ("the inverse of z", -1, -1),
 )
-_ADVICE = "gsut reads distances along the ray in the poses' unit (16-bit pictures: a thousandth): "
-_LEAVE_OUT = "; or leave out 'depth_file_path' to train with the points"
+_ADVICE = "depths are read along the rays, 16-bit pictures in thousandths of the poses' unit: "
+_CURES = {
+    1: 'write "depth_along": "z" into transforms.json',
+    2: 'leave "depth_along" out of transforms.json',
+}  # by kind
 
 
 def check_depths(scene: Scene, evidence: Evidence | None) -> list[Finding]:
@@ -55,24 +59,23 @@ def check_depths(scene: Scene, evidence: Evidence | None) -> list[Finding]:
     if errors[best] > _UNRELATED:
         what = f"depth files do not agree with {others}, in any unit: the median differs by a "
         what += f"factor of {np.exp(errors[best]):.2g}"
-        return [_warn(scene, what, _ADVICE + "check that they are of these images")]
+        return [_warn(scene, what, _ADVICE + "check that they are of these images and poses")]
     factor = float(np.exp(scales[best]))
     if errors[best] < _FITS and (power < 0 or abs(scales[best]) > np.log(_OTHER_UNIT)):
         what = f"depth files agree with {others} as {kind} times {factor:.3g}"
-        return [_warn(scene, what, f"{_ADVICE}convert them{_LEAVE_OUT}")]
+        return [
+            _warn(
+                scene, what, _ADVICE + 'state "depth_unit" in transforms.json, or convert the files'
+            )
+        ]
     off_axis = np.exp(cosine) < _NEAR_AXIS
     if np.count_nonzero(off_axis) < _FEWEST:
         return []
-    as_distance, as_z = (float(np.median(np.abs(off[off_axis]))) for off in offs[:2])
-    if not as_z < _AGREES < as_distance:
-        return []
+    given, *others_off = (float(np.median(np.abs(off[off_axis]))) for off in offs)
     return [
-        _warn(
-            scene,
-            f"depth files agree with {others} as z along the camera's axis",
-            f"{_ADVICE}divide each by gsut.rendering.z_from_distance(ones, camera) and save it as "
-            f".npy{_LEAVE_OUT}",
-        )
+        _warn(scene, f"depth files agree with {others} as {_KINDS[kind][0]}", _ADVICE + cure)
+        for kind, cure in _CURES.items()
+        if others_off[kind - 1] < _AGREES < given
     ]
 
 
@@ -84,7 +87,7 @@ def _sample_points(scene: Scene) -> Iterator[tuple[np.ndarray, ...]]:
     views = [view for view, each in enumerate(scene.views) if each.depth_path is not None]
     step = -(-len(views) // _VIEWS) or 1
     for view in views[::step] if len(scene.points) else ():
-        yield _look_up(scene, view, *find_visible_points(scene, view))
+        yield _look_up(scene, view, *find_visible_points(scene, view, scene.points))
 
 
 def _sample_matches(scene: Scene, evidence: Evidence) -> Iterator[tuple[np.ndarray, ...]]:

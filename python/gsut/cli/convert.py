@@ -52,6 +52,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     pages = parser.add_argument_group("of a page (.html)")
     pages.add_argument("--title", help="[default: the run's or file's name]")
+    pages.add_argument("--credit", help="who made the scene; shown on the page and beside links")
     pages.add_argument(
         "--view", action="append", metavar="NAME=WHERE", default=[], dest="views",
         help="a view to choose by its name: WHERE is a photograph's name, or a JSON file of the "
@@ -78,8 +79,11 @@ def run(arguments: argparse.Namespace) -> int:
     if out.suffix.lower() == _PAGE and not arguments.stream:
         refuse_existing(out)
         return _write_page(arguments, out)
-    if arguments.title is not None or arguments.views or arguments.address is not None:
-        raise InputError(f"{out}: only a page has --title, --view and --address; give an .html")
+    named = ("title", "credit", "views", "address")
+    if any(getattr(arguments, name) not in (None, []) for name in named):
+        raise InputError(
+            f"{out}: only a page has --title, --credit, --view and --address; give an .html"
+        )
     if arguments.stream:
         return _write_stream(arguments, out)
     chosen = choose_format(out)
@@ -173,7 +177,7 @@ def _write_page(arguments: argparse.Namespace, out: Path) -> int:
     if arguments.address is not None:
         refuse_existing(out.with_suffix(".jpg"))
     written = Session(stage).write_page(
-        out, _PHOTOGRAPHS, arguments.title, arguments.views, arguments.address
+        out, _PHOTOGRAPHS, arguments.title, arguments.views, arguments.address, arguments.credit
     )
     figures = {
         "source": str(arguments.source), "out": str(out), "format": "HTML",

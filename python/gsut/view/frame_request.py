@@ -20,6 +20,8 @@ MODES = ("color", "distance", "normal", "alpha", "centers", "error")
 SHARES = (1.0, 0.5, 0.25)
 # Most measured points drawn over a frame.
 _MOST_MARKS = 1000
+# Pixels above which a frame is large: more than full HD takes seconds on a small machine.
+_LARGE_PIXELS = 1920 * 1080
 # JPEG quality of a frame at rest.
 FULL_QUALITY = 92
 
@@ -69,6 +71,11 @@ class FrameRequest:
         """Returns (2,) where a pixel of the page's picture is in the image."""
         size = turn_size(self.width, self.height, self.turns)
         return np.array(turn_pixel(*pixel, *size, -self.turns))
+
+    @property
+    def is_large(self) -> bool:
+        """Whether other frames should not wait for this one."""
+        return self.width * self.height > _LARGE_PIXELS
 
     @classmethod
     def parse(cls, values: dict[str, Any], num_views: int) -> FrameRequest:

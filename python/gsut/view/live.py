@@ -6,7 +6,7 @@ import concurrent.futures
 import queue
 import threading
 from collections.abc import Callable
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from gsut._core import InputError
 from gsut.data import Scene
@@ -18,7 +18,24 @@ from gsut.view.stage import Stage
 
 # Seconds of a paused training between looks at what the page requests.
 _WAIT_SECONDS = 0.2
+# Seconds between such looks while a large frame is drawn, which the next step waits for.
+_LARGE_WAIT_SECONDS = 0.02
 _Result = TypeVar("_Result")
+
+
+class _Job(NamedTuple):
+    """Work to do between two steps, and where its answer is waited for."""
+
+    work: Callable[[], Any]
+    large: bool
+    answer: concurrent.futures.Future[Any]
+
+    def do(self, at_once: AtOnce) -> None:
+        """Does the work, and passes on its result or what it raises."""
+        try:
+            self.answer.set_result(at_once(self.work, self.large))
+        except Exception as error:  # raised where it was requested
+            self.answer.set_exception(error)
 
 
 class LiveTraining:
@@ -41,7 +58,7 @@ class LiveTraining:
         self._stage = Stage(scene.path.resolve().name, "training", None, scene, options.background)
         self._steps, self._step, self._refines = options.steps, 0, options.refine_poses
         self._history: list[dict[str, Any]] = []
-        self._jobs: queue.Queue[tuple[Callable[[], Any], concurrent.futures.Future]] = queue.Queue()
+        self._jobs: queue.Queue[_Job] = queue.Queue()
         self._at_once = AtOnce()
         self._lock = threading.Lock()
         self._state = "preparing"
@@ -91,29 +108,45 @@ class LiveTraining:
             self._stage.gaussians = None  # the next step changes them
 
     def _finish_jobs(self, wait: float) -> None:
-        """Draws what is requested now, or within `wait` seconds.
+        """Draws what is requested now, or within `wait` seconds; large work beside small.
 
         Requests that arrive during this wait for the next step: pages that repeat theirs at once
-        would keep the training forever.
+        would keep the training forever. While large work is done, small work need not wait.
         """
-        try:
-            for number in range(max(1, self._jobs.qsize())):
-                work, answer = self._jobs.get(number == 0 and wait > 0, wait)
-                try:
-                    answer.set_result(self._at_once(work))  # others draw once it is finished
-                except Exception as error:  # raised where it was requested
-                    answer.set_exception(error)
-        except queue.Empty:
-            return
+        large: list[threading.Thread] = []
+        for number in range(max(1, self._jobs.qsize())):
+            job = self._take_job(0.0 if number else wait)
+            if job is None:
+                break
+            if job.large:
+                large.append(threading.Thread(target=job.do, args=(self._at_once,), daemon=True))
+                large[-1].start()
+            else:
+                job.do(self._at_once)  # others draw once it is finished
+        later = []
+        while any(thread.is_alive() for thread in large):
+            job = self._take_job(_LARGE_WAIT_SECONDS)
+            if job is not None and job.large:
+                later.append(job)
+            elif job is not None:
+                job.do(self._at_once)
+        for job in later:
+            self._jobs.put(job)
 
-    def _draw(self, work: Callable[[], _Result]) -> _Result:
+    def _take_job(self, seconds: float) -> _Job | None:
+        try:
+            return self._jobs.get(seconds > 0, seconds)
+        except queue.Empty:
+            return None
+
+    def _draw(self, work: Callable[[], _Result], large: bool = False) -> _Result:
         """Has the work done between two steps, or at once if no step is being made."""
         answer: concurrent.futures.Future[_Result] = concurrent.futures.Future()
         with self._lock:
             between = self._state in ("training", "paused")
             if between:
-                self._jobs.put((work, answer))
-        return answer.result() if between else self._at_once(work)
+                self._jobs.put(_Job(work, large, answer))
+        return answer.result() if between else self._at_once(work, large)
 
     def _handle_action(self, values: dict[str, Any]) -> Reply:
         """Pauses, resumes or stops the training, and returns its progress."""

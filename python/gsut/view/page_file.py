@@ -79,12 +79,14 @@ class PageSettings:
         views: to choose from; the page starts at the first.
         address: where the page will be published; programs that show links then find a picture,
             which is written beside the page as .jpg.
+        credit: who made the scene.
     """
 
     photographs: int
     title: str | None = None
     views: tuple[NamedView, ...] = ()
     address: str | None = None
+    credit: str | None = None
 
 
 def write_page(path: Path, session: Any, settings: PageSettings) -> Any:
@@ -109,6 +111,7 @@ def write_page(path: Path, session: Any, settings: PageSettings) -> Any:
     content["origin"] = prepare_for_file(whole).origin
     if settings.title is not None:
         content["scene"]["name"] = settings.title
+    content["scene"]["credit"] = settings.credit
     content["scene"]["presets"] = [_add_view(view, stage, content) for view in settings.views]
     if settings.address is not None:
         write_file(path.with_suffix(".jpg"), _draw_preview(session, settings))
@@ -149,6 +152,8 @@ def _describe_link(path: Path, content: dict[str, Any], settings: PageSettings) 
         "title": content["scene"]["name"], "type": "website",
         "description": f"A scene of {count:,} Gaussians to walk through",
     }  # fmt: skip
+    if settings.credit is not None:
+        values["description"] += f" · {settings.credit}"
     if address is not None:
         picture = urljoin(address, path.with_suffix(".jpg").name)
         values |= {"url": address, "image": picture}

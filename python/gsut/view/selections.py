@@ -69,16 +69,15 @@ class Selections:
             "of" all.
         """
         edits, whole = self.describe(steps), self._shown.load_all()
-        scene, states = self._shown.stage.scene, self._shown.edited
+        scene = self._shown.stage.scene
         placed = whole if scene is None else whole.translate(scene.world_offset)
         with self._lock:
-            edited, key = start_edits(whole), ""
+            edited, key, states = start_edits(whole), "", dict(self._shown.edited)
             for edit in edits:
                 key = hashlib.sha256((key + format_json(edit)).encode()).hexdigest()
                 edited = states.pop(key) if key in states else apply_edit(placed, edited, edit)
                 states[key] = edited  # the newest is last
-            for old in list(states)[:-_KEPT_STATES]:
-                del states[old]
+            self._shown.edited = dict(list(states.items())[-_KEPT_STATES:])
         counts = {
             name: int(np.count_nonzero(getattr(edited, name))) for name in ("selected", "kept")
         }

@@ -48,19 +48,22 @@ _Result = TypeVar("_Result")
 
 
 class Drawing(Protocol):
-    """Decides when work on the Gaussians is done: at once, or between two steps of a training."""
+    """Decides when work on the Gaussians is done: at once, or between two steps of a training.
 
-    def __call__(self, work: Callable[[], _Result]) -> _Result: ...
+    Large work waits for other large work only, and small work for small work.
+    """
+
+    def __call__(self, work: Callable[[], _Result], large: bool = False) -> _Result: ...
 
 
 class AtOnce:
-    """Does work in the caller's thread, one at a time."""
+    """Does work in the caller's thread, one small and one large piece at a time."""
 
     def __init__(self) -> None:
-        self._lock = threading.Lock()
+        self._small, self._large = threading.Lock(), threading.Lock()
 
-    def __call__(self, work: Callable[[], _Result]) -> _Result:
-        with self._lock:
+    def __call__(self, work: Callable[[], _Result], large: bool = False) -> _Result:
+        with self._large if large else self._small:
             return work()
 
 
@@ -79,7 +82,7 @@ class Session:
         self.stage = stage
         self.lenses = Lenses(stage.cameras)
         self.shown = ShownGaussians(stage)
-        self.frames = Frames(self.shown, self.lenses)
+        self.frames, self._large = (Frames(self.shown, self.lenses) for _ in range(2))
         self._selections = Selections(self.shown, self.lenses)
         self._draw: Drawing = drawing or AtOnce()
         self._training = training
@@ -105,12 +108,12 @@ class Session:
 
     def write_page(
         self, path: Path, photographs: int, title: str | None = None,
-        views: Sequence[str] = (), address: str | None = None,
+        views: Sequence[str] = (), address: str | None = None, credit: str | None = None,
     ) -> Any:  # fmt: skip
         """Writes the page with the scene in it as one file; views: "NAME=WHERE", else as
         `PageSettings`."""
         named = tuple(read_named_view(text, self.stage) for text in views)
-        return write_page(path, self, PageSettings(photographs, title, named, address))
+        return write_page(path, self, PageSettings(photographs, title, named, address, credit))
 
     def describe_scene(self, _: dict[str, Any]) -> Reply:
         """Returns everything that the page needs at its start."""
@@ -139,7 +142,7 @@ class Session:
     def draw_frame(self, values: dict[str, Any]) -> Reply:
         """Draws a frame as JPEG or PNG."""
         request = self._request(values)
-        data, kind, span = self._draw(lambda: self.frames.encode(request))
+        data, kind, span = self._draw_with(request, lambda frames: frames.encode(request))
         headers = {} if span is None else {"X-Span": f"{span[0]:.6g} {span[1]:.6g}"}
         return Reply(data, kind, headers)
 
@@ -186,7 +189,7 @@ class Session:
         x, y = (float(value) for value in values["pixel"])
         if not (np.isfinite(x) and np.isfinite(y)):
             raise InputError(f"a pixel must be two finite numbers, found {x} and {y}")
-        point = self._draw(lambda: self.frames.find_point(request, (x, y)))
+        point = self._draw_with(request, lambda frames: frames.find_point(request, (x, y)))
         if point is None:
             return Reply({"point": None})
         distance = np.linalg.norm(request.pose[:3, :3] @ point + request.pose[:3, 3])
@@ -215,7 +218,7 @@ class Session:
                 self._film.stop()
             check_floaters(self.shown, bool(values["frame"].get("clean")))
             requests = [self._request({**values["frame"], "pose": key}) for key in values["keys"]]
-            self._film = Film(self.frames, self._draw, requests, values)
+            self._film = Film(self._large, lambda work: self._draw(work, True), requests, values)
         elif values.get("stop") and self._film is not None:
             self._film.stop()
             self._film = None
@@ -269,6 +272,11 @@ class Session:
         """Returns the edits "steps" as a file for `gsut edit --apply`."""
         content = {"edits": self._selections.describe(values["steps"])}
         return Reply(format_json(content).encode() + b"\n", "application/json")
+
+    def _draw_with(self, request: FrameRequest, work: Callable[[Frames], _Result]) -> _Result:
+        """Does work with the frames that draw a request of this size."""
+        frames = self._large if request.is_large else self.frames
+        return self._draw(lambda: work(frames), request.is_large)
 
     def _request(self, values: dict[str, Any]) -> FrameRequest:
         _check_object(values)

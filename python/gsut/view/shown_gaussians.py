@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import threading
 from typing import Any
 
 import numpy as np
@@ -35,6 +36,7 @@ class ShownGaussians:
     def __init__(self, stage: Stage) -> None:
         self.stage = stage
         self._chosen: dict[Any, Any] = {}
+        self._lock = threading.Lock()  # a small and a large frame are drawn at once
         self.floaters: np.ndarray | None = None
         self.edited: dict[str, Edited] = {}
         place = stage.place()
@@ -63,9 +65,10 @@ class ShownGaussians:
         Raises:
             InputError: the edits are not known any more.
         """
-        if key not in self.edited:
+        edited = self.edited.get(key)
+        if edited is None:
             raise InputError("these edits are not known any more: undo and redo the last one")
-        return self.edited[key]
+        return edited
 
     def select_kept(
         self, whole: Gaussians, crop: np.ndarray | None, clean: bool, edits: str | None
@@ -95,23 +98,24 @@ class ShownGaussians:
         some = share < 1 and self.stage.kind != "training"
         if g is None or not (some or clean or edits or crop is not None):
             return g
-        if self._chosen.get("of") is not g:
-            self._chosen = {"of": g}
         key = share, clean, None if crop is None else crop.tobytes(), edits
-        if key not in self._chosen:
-            boxes = (None, key[2])
-            for old in [
-                o for o in self._chosen if o != "of" and (o[2] not in boxes or o[3] != edits)
-            ]:
-                del self._chosen[old]  # of a box or edits as they were before
-            whole = self.load_all()
-            kept = self.select_kept(whole, crop, clean, edits)
-            if edits is not None:
-                whole = _add_tint(whole, self.find_edited(edits).selected)
-            if some:
-                kept &= _select_most_seen(whole, self._move_to_axes(whole), share)
-            self._chosen[key] = whole[kept]
-        return self._chosen[key]
+        with self._lock:
+            if self._chosen.get("of") is not g:
+                self._chosen = {"of": g}
+            if key not in self._chosen:
+                boxes = (None, key[2])
+                for old in [
+                    o for o in self._chosen if o != "of" and (o[2] not in boxes or o[3] != edits)
+                ]:
+                    del self._chosen[old]  # of a box or edits as they were before
+                whole = self.load_all()
+                kept = self.select_kept(whole, crop, clean, edits)
+                if edits is not None:
+                    whole = _add_tint(whole, self.find_edited(edits).selected)
+                if some:
+                    kept &= _select_most_seen(whole, self._move_to_axes(whole), share)
+                self._chosen[key] = whole[kept]
+            return self._chosen[key]
 
 
 def _select_most_seen(gaussians: Gaussians, at: np.ndarray, share: float) -> np.ndarray:

@@ -123,14 +123,14 @@ def open_stage(path: str | os.PathLike[str], data: str | None = None) -> Stage:
             name, "run", gaussians, scene, options.background, figures=figures,
             light=read_light(run, scene), folder=place,
         )  # fmt: skip
-    if (place / TABLE).is_file():
-        place /= TABLE
-    if place.is_file() and (place.suffix.lower() != ".json" or place.name == TABLE):
+    if place.name == TABLE:
+        place = place.resolve().parent
+    if (place / TABLE).is_file() or (place.is_file() and place.suffix.lower() != ".json"):
         file = read_scene_file(place)
         photographs = None if data is None else load_dataset(data)
         behind = None if file.no_background else (0.0, 0.0, 0.0)
         return Stage(
-            place.name, "file", file.gaussians, photographs, behind, folder=place.parent,
+            place.resolve().name, "file", file.gaussians, photographs, behind, folder=place.parent,
             antialiased=file.antialiased,
         )  # fmt: skip
     return make_data_stage(load_dataset(place))

@@ -810,6 +810,8 @@ async function begin() {
   if (scene.shown !== undefined) scene = await (await import(`${base}making.js`)).watchMaking(scene, ask, base);
   document.title = scene.alone ? scene.name : `${scene.name} · gsut view`;
   $("name").textContent = scene.name;
+  $("credit").textContent = scene.credit ?? "";
+  $("credit").hidden = !scene.credit;
   facts();
   state.up = scene.up;
   state.pivot = scene.center;

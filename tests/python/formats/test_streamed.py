@@ -9,6 +9,7 @@ import gsut
 from formats.scene_cases import plain_scene
 from gsut import InputError
 from gsut.formats import TABLE, _streamed, write_levels
+from gsut.view import open_stage
 
 COUNTS = (300, 90, 20)
 
@@ -74,6 +75,8 @@ def test_leaf_encloses_the_gaussians_of_all_its_levels(folder):
 def test_folder_is_read_as_its_finest_level_with_the_environment(folder, levels):
     for path in (folder, folder / TABLE):
         assert len(gsut.load_gaussians(path)) == COUNTS[0] + COUNTS[2]
+        stage = open_stage(path)
+        assert (stage.name, stage.folder) == (folder.name, folder.parent)
     found = np.sort(gsut.load_gaussians(folder).means[: COUNTS[0], 0])
     span = np.ptp(levels[0].means)
     assert np.abs(found - np.sort(levels[0].means[:, 0])).max() < 1e-3 * span

@@ -312,6 +312,7 @@ def test_convert_writes_title_views_and_what_a_link_shows(window, tmp_path, gaus
     (tmp_path / "tour.json").write_text(json.dumps(path))
     (tmp_path / "start.json").write_text(json.dumps({"camera_from_world": poses[1:]}))
     given = ["convert", str(tmp_path / "a.ply"), str(tmp_path / "b.html"), "--title", "A <hall>"]
+    given += ["--credit", "</script><b>Ann & Bo"]
     given += [
         "--view",
         f"Start={tmp_path / 'start.json'}",
@@ -321,11 +322,13 @@ def test_convert_writes_title_views_and_what_a_link_shows(window, tmp_path, gaus
     assert main([*given, "--address", "https://example.org/scenes/"]) == 0
     text = (tmp_path / "b.html").read_text(encoding="utf-8")
     assert '<meta property="og:title" content="A &lt;hall&gt;">' in text
+    assert "walk through · &lt;/script&gt;&lt;b&gt;Ann &amp; Bo" in text and "<b>Ann" not in text
     assert '<meta property="og:image" content="https://example.org/scenes/b.jpg">' in text
     assert (tmp_path / "b.jpg").read_bytes()[:2] == b"\xff\xd8"
     window.open(f"file://{tmp_path}/b.html")
     window.wait("document.body.dataset.frames > 0 && !busy && !wanted")
     assert window.run("return document.title;") == "A <hall>"
+    assert window.run("return $('credit').innerText;") == "</script><b>Ann & Bo"
     window.wait("Math.abs(poseOf(state.eye)[3] - scene.presets[0].poses[0][3]) < 1e-9")
     window.run("document.querySelectorAll('.preset')[1].click();")
     end = np.linalg.inv(poses[1])[:3, 3]

@@ -14,6 +14,7 @@ from test_server import ask, sentence
 import small_run
 from gsut.view import Session, ViewServer
 from gsut.view import server as server_module
+from gsut.view.frames import Frames
 from gsut.view.server import LOOPBACK
 from gsut.view.stage import Stage
 from random_scenes import gaussians_in_view, rng_of
@@ -195,6 +196,29 @@ def test_long_search_for_floaters_holds_no_other_request(server, stage, monkeypa
             assert ask(server, f"/{server.token}/{name}", values[name])[0].status == 200
         found.set()
         assert searching.result()[0].status == 200
+
+
+def test_large_frame_holds_no_small_request(server, stage, monkeypatch):
+    drawn, going = threading.Event(), threading.Event()
+    draw = Frames.draw
+
+    def draw_late(frames, request):
+        if request.is_large:
+            going.set()
+            assert drawn.wait(SECONDS)
+        return draw(frames, request)
+
+    monkeypatch.setattr(Frames, "draw", draw_late)
+    values = make_requests(stage.scene.views[0].camera_from_world)
+    large = values["frame"] | {"width": 2200, "height": 2200, "layers": []}
+    with concurrent.futures.ThreadPoolExecutor(1) as other:
+        drawing = other.submit(ask, server, f"/{server.token}/frame", large)
+        assert going.wait(SECONDS)
+        for name in ("frame", "pick"):
+            assert ask(server, f"/{server.token}/{name}", values[name])[0].status == 200
+        assert not drawing.done()
+        drawn.set()
+        assert drawing.result()[0].status == 200
 
 
 def test_lens_file_that_takes_long_is_given_up(server, monkeypatch):

@@ -61,14 +61,14 @@ def find_line_times(camera: Any, motion: CameraMotion, pixels: np.ndarray) -> np
     return np.interp(along - 0.5, np.arange(len(lines)), lines)
 
 
-def find_visible_points(scene: Any, view: int) -> tuple[np.ndarray, np.ndarray]:
+def find_visible_points(scene: Any, view: int, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Returns places (n, 2) as shares of the image size and distances (n,), farthest first.
 
     Which points a view sees is not stored with them: a point well behind another in the same part
     of the image is left out.
     """
     camera, motion = scene.camera(view), scene.views[view].motion
-    in_camera, pixels, valid = project_points(camera, motion, scene.points)
+    in_camera, pixels, valid = project_points(camera, motion, points)
     size = np.array([camera.width, camera.height])
     with np.errstate(invalid="ignore"):
         valid = valid & np.all((pixels >= 0) & (pixels < size), axis=1)

@@ -15,9 +15,18 @@ from gsut.check import check_depths
 from gsut.data import Scene
 from gsut.data.scene import find_bad_maps, find_visible_points, read_depth
 from gsut.run import TrainOptions
+from gsut.surface import Cloud, DepthMap
 
 # Share of the weight that is left at the last step (3DGS's depth regularisation).
 _LAST = 0.01
+# Cosine to the axis above which z and the distance along a ray differ too little to decide.
+_NEAR_AXIS = 0.97
+# Points that must be seen off the axis before they decide.
+_FEWEST_POINTS = 50
+# Median relative difference below which files agree with points, or with each other.
+_AGREES = 0.02
+# Times that difference, above which the other reading is wrong.
+_WORSE = 2.0
 
 
 def anneal(fraction: float) -> float:
@@ -28,10 +37,50 @@ def anneal(fraction: float) -> float:
 def check_maps(scene: Scene, options: TrainOptions) -> None:
     """Raises the InputError of the first depth or normal file that the training would stop at."""
     depth = KnownDepth(scene, options.known_depth).source == "files"
-    for error in find_bad_maps(scene, depth) if options.surface else ():
+    for error in find_bad_maps(scene, depth, options.surface) if depth or options.surface else ():
         raise error
-    for found in check_depths(scene, None) if options.surface and depth else ():
+    if depth and has_z_depths(scene):
+        raise InputError(
+            f"{scene.path}: its depth files agree with its points, or with each other, as z along "
+            "the camera's axis, and are read as distances along the ray; write "
+            '"depth_along": "z" into transforms.json'
+        )
+    for found in check_depths(scene, None) if depth else ():
         raise InputError(f"{found.where}: {found.what}; {found.advice}")
+
+
+def has_z_depths(scene: Scene) -> bool:
+    """Returns whether depth files hold z instead of distances, judged by the scene's points.
+
+    Without points, each view's depths are compared with those of the view before. They agree as z
+    and not as distances, off the axis, where the two differ.
+    """
+    as_distance, as_z = (_measure_disagreement(scene, is_z) for is_z in (False, True))
+    return as_z < _AGREES and as_z * _WORSE < as_distance
+
+
+def _measure_disagreement(scene: Scene, is_z: bool) -> float:
+    """Returns the median relative error of depth files, read as distances or z; 0 if unknown."""
+    logs, points = [np.zeros(0)], scene.points
+    for view in scene.train_indices:
+        depth = read_depth(scene, view)
+        if depth is None:
+            continue
+        camera, motion = scene.camera(view).resize(*depth.shape[::-1]), scene.views[view].motion
+        cosine = np.asarray(camera.rays()[0])[..., 2]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            depth = np.where(cosine > 0, depth / (cosine if is_z else 1.0), np.nan)
+            if len(points):
+                places, distances = find_visible_points(scene, view, points)
+                columns, rows = (places * depth.shape[::-1]).astype(np.int64).T
+                log = np.log(depth[rows, columns] / distances)
+                logs.append(log[np.isfinite(log) & (cosine[rows, columns] < _NEAR_AXIS)])
+        if not len(scene.points):
+            cloud = Cloud()
+            cloud.add(DepthMap(camera, motion, np.where(depth > 0, depth, np.nan)))
+            points = cloud.to_mesh().vertices if len(cloud) else points
+    errors = np.abs(np.concatenate(logs))
+    return float(np.median(errors)) if len(errors) >= _FEWEST_POINTS else 0.0
 
 
 class KnownDepth:
@@ -64,8 +113,10 @@ class KnownDepth:
         if self.source == "off":
             return None
         if view not in self._seen:
-            read = _read_file if self.source == "files" else find_visible_points
-            self._seen[view] = read(scene, view)
+            self._seen[view] = (
+                _read_file(scene, view) if self.source == "files"
+                else find_visible_points(scene, view, scene.points)
+            )  # fmt: skip
         places, distances = self._seen[view]
         if not len(distances):
             return None
