@@ -166,7 +166,8 @@ def _find_poses(
     if is_finished(out):
         bars.note("poses are found again: those in the folder are of other pictures")
     bars.note(_announce(o, pictures))
-    with contextlib.closing(StageFollower(bars)) as stages:
+    bars.plan(_make_training_options(o).steps, "training")
+    with contextlib.closing(StageFollower(bars, len(pictures.figures["frames"]))) as stages:
         show_poses = None if watcher is None else watcher.show_poses
         log = PosesLog(stages.show, bars.note, stages.expect, show_poses)
         figures = find_poses(pictures.path, out, camera=o.camera, options=options, log=log).figures
@@ -185,7 +186,7 @@ def _announce(options: SceneOptions, pictures: Capture) -> str:
 
 def _make_training_options(options: SceneOptions) -> TrainOptions:
     o = options
-    make = functools.partial(TrainOptions, preset=o.preset)
+    make = functools.partial(TrainOptions, preset=o.preset, keep_all_pixels=o.keep_all_pixels)
     return make() if o.steps is None else make(steps=o.steps)
 
 

@@ -20,6 +20,7 @@ from gsut.run.options import fit_to_views
 from gsut.training import TrainingLoop, choose_degree
 from gsut.training.first import (
     choose_complexity,
+    describe_fixed,
     find_plain_background,
     prepare_scene,
     refine_first_poses,
@@ -94,6 +95,8 @@ def train(
         o = dataclasses.replace(o, background=find_plain_background(scene))
     # run/: folder, history, checkpoints
     record = TrainingRecord(out, o, scene, resume, progress, watch)
+    for note in describe_fixed(scene):
+        record.note(note)
     fresh = record.checkpoint is None
     tracks = refine_first_poses(scene, o, progress is True) if fresh else None  # sfm/, refine/
     # the number of Gaussians that the photographs support

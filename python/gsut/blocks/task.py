@@ -109,6 +109,7 @@ class BlockTask:
             "views": [_pack_view(view) for view in scene.views],
             "world_offset": np.array(scene.world_offset),
             "decodes_small": scene.decodes_small,
+            "fixed": list(scene.fixed),
             "options": self.options.to_json(),
             "share": self.share,
             "extent": self.extent,
@@ -140,7 +141,7 @@ class BlockTask:
             np.zeros((0, 3)), np.zeros((0, 3)), tuple(range(len(values["views"]))), (),
             values["world_offset"],
             file_cameras=tuple(camera_from_values(each) for each in values["file_cameras"]),
-            decodes_small=values["decodes_small"],
+            decodes_small=values["decodes_small"], fixed=tuple(values["fixed"]),
         )  # fmt: skip
         names = ("share", "extent", "tiles", "rates", "keep_bytes", "begin", "end", "segments")
         rest: Any = {name: values[name] for name in names}
@@ -167,7 +168,7 @@ def _pack_view(view: View) -> dict[str, Any]:
     values = {field.name: getattr(view, field.name) for field in dataclasses.fields(view)}
     values["image_path"] = str(view.image_path)
     values["mask_path"] = None if view.mask_path is None else str(view.mask_path)
-    del values["depth_path"], values["normal_path"]
+    del values["depth_path"], values["depth_form"], values["normal_path"]
     values["shutter"] = None
     if view.shutter is not None:
         values["shutter"] = [view.shutter.direction, view.shutter.parity]

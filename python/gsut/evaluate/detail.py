@@ -56,7 +56,7 @@ def measure_detail(photograph: np.ndarray, image: np.ndarray, mask: np.ndarray) 
 
 def measure_details(
     photograph: np.ndarray, image: np.ndarray, mask: np.ndarray
-) -> tuple[float, float, float]:
+) -> tuple[float, float, np.ndarray, float]:
     """Measures the detail that is right, also after a shift, and the largest patch that is wrong.
 
     Where a pose or a lens is wrong, a shift brings detail back; blur, holes and what moved it does
@@ -67,17 +67,19 @@ def measure_details(
 
     Returns:
         The result of `measure_detail`; the detail of the render shifted by what phase correlation
-        finds, the first again if that is more; and the share of the picture that the largest
-        connected patch takes in which far less detail is right than in the whole picture.
+        finds, the first again if that is more; (h, w) bool at the size at which detail is
+        compared, the largest connected patch in which far less detail is right than in the whole
+        picture, all False if there is none; and the result of `measure_detail` outside it.
     """
     import cv2
 
     truth, shown = _average_photograph(photograph), _average_channels(image)
     detail = _Detail(truth, mask)
     plain = detail.measure(shown)
-    patch = detail.measure_wrong_patch(shown)
+    where = detail.find_wrong_patch(shown)
+    patch = where, detail.measure(shown, ~where)
     if min(mask.shape) < _SMALLEST:
-        return plain, plain, patch
+        return plain, plain, *patch
     weight = mask.astype(np.float32)
 
     def flatten(grey: np.ndarray) -> np.ndarray:
@@ -89,7 +91,7 @@ def measure_details(
     (right, down), _ = cv2.phaseCorrelate(flatten(shown), flatten(truth), window)
     move = np.array([[1, 0, right], [0, 1, down]], np.float32)
     shifted = cv2.warpAffine(shown, move, size, borderMode=cv2.BORDER_REPLICATE)
-    return plain, max(plain, detail.measure(shifted)), patch
+    return plain, max(plain, detail.measure(shifted)), *patch
 
 
 class _Detail:
@@ -124,12 +126,16 @@ class _Detail:
         term = (2 * covariance + least) / (self._variance + variance + least)
         return is_clear & (term > _RIGHT)
 
-    def measure(self, shown: np.ndarray) -> float:
-        """Measures the share that a render's brightness (H, W) shows, see `measure_detail`."""
-        return float(self.find_right(shown)[self.chosen].mean())
+    def measure(self, shown: np.ndarray, where: np.ndarray | bool = True) -> float:
+        """Measures the share that a render's brightness (H, W) shows, see `measure_detail`.
 
-    def measure_wrong_patch(self, shown: np.ndarray) -> float:
-        """Measures the share of the picture in the largest wrong patch, see `measure_details`."""
+        where: (h, w) of the pixels that count, as those that `find_right` returns.
+        """
+        chosen = self.chosen & where
+        return float(self.find_right(shown)[chosen].mean()) if chosen.any() else 0.0
+
+    def find_wrong_patch(self, shown: np.ndarray) -> np.ndarray:
+        """Finds (h, w) of the largest wrong patch of a render's brightness (H, W)."""
         import cv2
 
         right, chosen = self.find_right(shown) & self.chosen, self.chosen
@@ -146,9 +152,14 @@ class _Detail:
         details = count(chosen)
         is_wrong = count(right) < (right.sum() / chosen.sum() - _FAR_BELOW) * details
         is_wrong &= details > _FEW_DETAILS * count(np.ones_like(chosen))
-        areas = cv2.connectedComponentsWithStats(is_wrong.astype(np.uint8), connectivity=4)[2]
-        share = areas[1:, cv2.CC_STAT_AREA].max(initial=0) / is_wrong.size
-        return float(share) if share >= _SMALLEST_PATCH else 0.0
+        _, labels, areas, _ = cv2.connectedComponentsWithStats(
+            is_wrong.astype(np.uint8), connectivity=4
+        )
+        counts = areas[1:, cv2.CC_STAT_AREA]
+        if counts.max(initial=0) < _SMALLEST_PATCH * is_wrong.size:
+            return np.zeros_like(chosen)
+        wrong = np.kron(labels == 1 + np.argmax(counts), np.ones((side, side), bool))
+        return wrong[: chosen.shape[0], : chosen.shape[1]]
 
     def _compare_contrast(self, shown: np.ndarray) -> np.ndarray:
         """Finds (h, w) where brightness varies as in the photograph, by its share of the whole.

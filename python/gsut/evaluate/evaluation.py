@@ -40,7 +40,7 @@ FIGURES = (
     "psnr", "ssim", "detail", "unseen", "moving", "psnr_unit_gain", "psnr_color_corrected",
     "psnr_half_image",
 )  # fmt: skip
-_DETAILS = "detail", "detail_shifted", "patch"  # of a view, by `measure_details`
+_DETAILS = "detail", "detail_shifted", "wrong_patch", "detail_outside"  # by `measure_details`
 # Called with a view, width and height; returns (height, width) bool, or None if nothing moved.
 FindMoving = Callable[[int, int, int], np.ndarray | None]
 _DEPTH_LEVELS = 65535  # of a 16-bit picture
@@ -58,6 +58,7 @@ def evaluate(
     find_moving: FindMoving | None = None,
     render_folder: Path | None = None,
     on_view: Callable[[int, int], None] | None = None,
+    keep_patches: bool = False,
 ) -> dict[str, Any]:
     """Renders views of a scene and compares them with their photographs, inside their masks.
 
@@ -74,6 +75,8 @@ def evaluate(
             masked pixels black) and NAME_depth.png (16 bit; distance = value x `depth_unit` of the
             view's row, 0 = less than half opaque); None writes nothing.
         on_view: called with (views done, views in all) after each.
+        keep_patches: add to a view's row "wrong_patch", the pixels of "patch" as an array, which is
+            not ready for JSON.
 
     Returns:
         dict, ready for JSON:
@@ -83,6 +86,7 @@ def evaluate(
                 some training view could see what is there and nothing moved.
             patch: of a view: share of the picture that a connected patch takes in which far less
                 detail is right than in the whole; 0: there is none.
+            detail_outside: of a view: detail outside that patch.
             unseen: share of the pixels that show what no training view could see.
             moving: share of the pixels that show what moved.
             detail_median, detail_min, least_detailed: of the views: median and least, and the
@@ -120,6 +124,10 @@ def evaluate(
                 if on_view is not None:
                     on_view(len(rows), len(stems))
     views = [row for row, _ in rows]
+    for row in views:
+        row["patch"] = float(row["wrong_patch"].mean())
+        if not keep_patches:
+            del row["wrong_patch"]
     worst = min(views, key=lambda row: row["psnr"], default=None)
     return {
         **{name: _mean(row[name] for row in views) for name in FIGURES},

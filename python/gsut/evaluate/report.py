@@ -84,6 +84,10 @@ def write_report(run: RunFolder) -> Path:
         verdict=Verdict.from_dict(metrics["verdict"]) if metrics.get("verdict") else None,
         **_embed_views(metrics.get("views", []), run.path / RunFile.RENDERS),
         **_list_rows(metrics, environment),
+        marked=[
+            (_embed(_read(run.path / RunFile.RENDERS / row["picture"])), row["text"])
+            for row in metrics.get("marked", [])
+        ],
         curves=_plot_curves(run.history.read(), options),
         ring_plot=plot_rings(metrics["rings"]) if metrics.get("rings") else None,
         light_plots=plot_light(metrics["light"]) if "light" in metrics else [],

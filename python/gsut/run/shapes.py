@@ -29,7 +29,7 @@ METRICS_SHAPE: dict[str, Any] = {
     "dataset?": (str, _NOTHING), "image_size?": [[int]], "test_views?": [str],
     "rings?": [{"from_degrees": _NUMBER, "to_degrees": _NUMBER, "psnr": _NUMBER}],
     "views?": [_VIEW], "notes?": [str], "verdict?": (_NOTHING, Verdict.SHAPE),
-    "light?": (_NOTHING, _LIGHT),
+    "light?": (_NOTHING, _LIGHT), "marked?": [{"picture": str, "text": str}],
 }  # fmt: skip
 ENVIRONMENT_SHAPE: dict[str, Any] = {
     "dataset?": (str, _NOTHING), "isa?": str, "digests?": (_NOTHING, {"*": str}),

@@ -17,14 +17,17 @@ from gsut.run.progress import Progress
 _TICK = 1.0
 # The countdown between two reports stops at this share of the time last reported.
 _LEAST = 0.25
+# Share of all stages' seconds below which a stage says nothing about the others.
+_SHORT = 0.05
+_WORK = " work"  # after a command's name: its row of work in the file of last runs
 
 
 class StagedProgress:
     """The bar of a whole command.
 
     The time left of a stage follows from its own pace, once it has reported some progress. All
-    other stages take as long, beside the finished ones, as in the last run on this machine; those
-    that were not in it take as long as the mean of the others.
+    other stages take as long as in the last run on this machine, by their work and
+    beside the finished ones; those that were not in it take as long as the mean of the others.
 
     Args:
         command: whose last run is read, and written once all stages have ended.
@@ -49,7 +52,10 @@ class StagedProgress:
     ) -> None:
         self.seconds: dict[str, float] = {}
         self._command, self._stages = command, list(stages)
-        self._last_run: dict[str, float] = _read_last_runs().get(command, {})
+        runs = _read_last_runs()
+        self._last_run: dict[str, float] = runs.get(command, {})
+        self._last_work: dict[str, float] = runs.get(command + _WORK, {})
+        self._work: dict[str, float] = {}
         self._bars = Progress(enabled, file)
         self._clock, self._on_progress = clock, on_progress
         self._last: tuple[float, float, str] | None = None  # time of report, seconds left, words
@@ -65,6 +71,11 @@ class StagedProgress:
     def expect(self, *stages: str) -> None:
         """Adds stages."""
         self._stages += [name for name in stages if name not in self._stages]
+
+    def plan(self, work: float, *stages: str) -> None:
+        """Sets the work of stages, such as pictures or steps, to which their time is proportional.
+        Without it they have as much as in the last run."""
+        self._work |= dict.fromkeys(stages, work)
 
     @contextlib.contextmanager
     def stage(self, name: str) -> Iterator[None]:
@@ -117,9 +128,13 @@ class StagedProgress:
 
     def estimate_left(self) -> float:
         """Returns the seconds left of all stages."""
-        known = [self._last_run[name] for name in self._stages if name in self._last_run]
-        mean = sum(known) / len(known) if known else 1.0
-        before = {name: self._last_run.get(name, mean) for name in self._stages}
+        last = {
+            name: seconds * self._compare_work(name)
+            for name, seconds in self._last_run.items()
+            if name in self._stages
+        }
+        mean = sum(last.values()) / len(last) if last else 1.0
+        before = {name: last.get(name, mean) for name in self._stages}
         spent = {name: self.seconds[name] for name in self._stages if name in self.seconds}
         own = 0.0
         if self._stage is not None:
@@ -130,12 +145,19 @@ class StagedProgress:
                 own = taken * (1 - self._done) / self._done
             if self._stage_left is not None or self._done > 0:
                 spent[self._stage] = taken + own
-        planned = sum(before[name] for name in spent)
-        pace = sum(spent.values()) / planned if planned > 0 else 1.0
+        whole = sum(before.values())
+        long = [name for name in spent if before[name] >= _SHORT * whole]
+        planned = sum(before[name] for name in long)
+        pace = sum(spent[name] for name in long) / planned if planned > 0 else 1.0
         if self._stage is not None and self._stage not in spent:
             own *= pace
         later = (before[name] for name in self._stages if name not in spent and name != self._stage)
         return own + pace * sum(later)
+
+    def _compare_work(self, name: str) -> float:
+        """Returns the work of a stage over that of the last run; 1 where either is unknown."""
+        work, last = self._work.get(name, 0.0), self._last_work.get(name, 0.0)
+        return work / last if work > 0 and last > 0 else 1.0
 
     def note(self, text: str) -> None:
         """Prints a line above the bar."""
@@ -153,7 +175,8 @@ class StagedProgress:
             self._bars.close()
         is_whole = self._stages and all(name in self.seconds for name in self._stages)
         if self._enabled and error is None and is_whole:
-            _write_last_run(self._command, {name: self.seconds[name] for name in self._stages})
+            seconds = {name: self.seconds[name] for name in self._stages}
+            _write_last_runs({self._command: seconds, self._command + _WORK: self._work})
 
 
 class StageFollower:
@@ -161,10 +184,12 @@ class StageFollower:
 
     Args:
         bars: the bar; its stages are opened and closed as the reports come in.
+        work: of each stage; None: not known.
     """
 
-    def __init__(self, bars: StagedProgress) -> None:
+    def __init__(self, bars: StagedProgress, work: float | None = None) -> None:
         self._bars = bars
+        self._work = work
         self._names: list[str] = []
         self._stage = ""
         self._open = contextlib.ExitStack()
@@ -178,6 +203,8 @@ class StageFollower:
         """Sets the stages, in order."""
         self._names = list(stages)
         self._bars.expect(*stages)
+        if self._work is not None:
+            self._bars.plan(self._work, *stages)
 
     def show(self, stage: str, done: int, total: int, text: str) -> None:
         """Shows how much of a stage is done; an unexpected stage counts to the one before it."""
@@ -213,8 +240,8 @@ def _read_last_runs() -> dict[str, dict[str, float]]:
         return {}
 
 
-def _write_last_run(command: str, seconds: dict[str, float]) -> None:
+def _write_last_runs(changed: dict[str, dict[str, float]]) -> None:
     with contextlib.suppress(OSError, RuntimeError):  # a machine that keeps nothing estimates alone
-        path, runs = _find_last_runs(), _read_last_runs() | {command: seconds}
+        path, runs = _find_last_runs(), _read_last_runs() | changed
         path.parent.mkdir(parents=True, exist_ok=True)
         write_json(path, runs)

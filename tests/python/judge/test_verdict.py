@@ -2,10 +2,12 @@
 
 import dataclasses
 import json
+import types
 
 import pytest
 
 from gsut.judge.checks import Check, combine_verdicts, judge, judge_pictures
+from gsut.judge.checks.poses import POSES_CHECKS
 from gsut.run import Verdict
 
 GOOD = Verdict("good", "61 of 61 images registered")
@@ -38,6 +40,14 @@ def test_what_held_out_views_show_stays_a_reason_and_lowers_nothing(is_visible, 
     poses = Verdict.from_dict(json.loads(json.dumps(poses.as_dict())))
     found = combine_verdicts(GOOD, poses)
     assert found.level == level and found.reasons == (says,)
+
+
+def test_few_views_lower_nothing_that_held_out_views_show():
+    check = next(check for check in POSES_CHECKS if check.name == "number of views")
+    poses = judge([check], types.SimpleNamespace(registered=4), "poses of 4 of 4 images", "")
+    assert poses.level == "poor"  # where nothing was measured
+    found = combine_verdicts(dataclasses.replace(GOOD, level="usable"), poses)
+    assert found.level == "usable" and "only 4 views" in found.reasons
 
 
 def test_an_unknown_level_is_refused():

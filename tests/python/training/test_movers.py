@@ -40,13 +40,19 @@ def wall():
     )  # fmt: skip
 
 
+def make_pose(view):
+    """Makes the pose of a view in a row of places before the wall."""
+    pose = np.eye(4)
+    pose[:3, 3] = [0.12 * (view - VIEWS // 2), 0.05 * (view % 3), 0.0]
+    return pose
+
+
 def write_views(folder, wall, moved):
     """Writes views of the wall from a row of places; somebody passes in those of `moved`."""
     frames, lens = [], pinhole(SIZE)
     (folder / "images").mkdir(parents=True)
     for view in range(VIEWS):
-        pose = np.eye(4)
-        pose[:3, 3] = [0.12 * (view - VIEWS // 2), 0.05 * (view % 3), 0.0]
+        pose = make_pose(view)
         image = gsut.render(wall, lens, pose).image
         picture = np.round(255 * np.clip(image, 0, 1)).astype(np.uint8)
         if view in moved:
@@ -90,19 +96,19 @@ def test_medians_of_what_others_show_are_those_of_numpy(rng, most, fewest):
     np.testing.assert_allclose(found[1], np.where(enough, spread, 0), atol=tolerances.FLOAT32)
 
 
-def measure_recall(found):
+def measure_recall(found, moved=MOVED):
     """Share of what passes that is found, and of other pixels that are taken for it."""
     hit, wrong = [], []
     for view in range(VIEWS):
         truth = np.zeros((SIZE, SIZE), bool)
-        if view in MOVED:
-            row, column = MOVED[view]
+        if view in moved:
+            row, column = moved[view]
             truth[row : row + TALL, column : column + WIDE] = True
         mask = found.scale_mask(view, SIZE, SIZE)
         mask = np.zeros((SIZE, SIZE), bool) if mask is None else mask
         hit.append((mask & truth).sum() / max(1, truth.sum()))
         wrong.append((mask & ~truth).mean())
-    return np.mean([hit[view] for view in MOVED]), max(wrong)
+    return np.mean([hit[view] for view in moved]), max(wrong)
 
 
 def test_movers_finds_what_passes_and_nothing_where_nothing_does(wall, tmp_path):
@@ -113,6 +119,16 @@ def test_movers_finds_what_passes_and_nothing_where_nothing_does(wall, tmp_path)
     recall, wrong = measure_recall(found)
     assert sorted(found.masks) == sorted(MOVED)
     assert recall > tolerances.MOVERS_RECALL and wrong < tolerances.MOVERS_WRONG
+
+
+def test_movers_finds_all_of_what_stays_in_the_middle(wall, tmp_path, monkeypatch):
+    stays = {view: (16 + 4 * (view % 3), 24 + 4 * (view * 2 % 3)) for view in range(VIEWS)}
+    scene = write_views(tmp_path / "stays", wall, stays)
+    recall, wrong = measure_recall(Movers.find(wall, scene, range(VIEWS)), stays)
+    assert recall > tolerances.MOVERS_RECALL and wrong < tolerances.MOVERS_WRONG
+    monkeypatch.setattr("gsut.training.photograph.movers._grow", lambda found, own: found)
+    without = measure_recall(Movers.find(wall, scene, range(VIEWS)), stays)[0]
+    assert 1 - recall < (1 - without) / 2
 
 
 def test_training_leaves_movers_out_and_says_so(wall, tmp_path):

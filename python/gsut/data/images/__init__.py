@@ -11,17 +11,29 @@ from gsut.data.images.decode import (
     shrink_image,
     shrink_mask,
 )
+from gsut.data.images.fixed_pixels import (
+    COMPARED_SIDE,
+    FEWEST_COMPARED,
+    choose_compared,
+    describe_fixed_pixels,
+    find_fixed_pixels,
+)
 from gsut.data.images.lookup import PictureLookup, describe_pictures, normalize_name
 from gsut.data.images.masks import find_common_mask, find_mask, make_lens_mask, read_mask
 
 __all__ = [
+    "COMPARED_SIDE",
+    "FEWEST_COMPARED",
     "IMAGE_SUFFIXES",
     "PictureLookup",
+    "choose_compared",
     "decode_image",
     "decode_mask",
     "decode_scaled",
+    "describe_fixed_pixels",
     "describe_pictures",
     "find_common_mask",
+    "find_fixed_pixels",
     "find_largest_value",
     "find_mask",
     "make_lens_mask",

@@ -15,6 +15,7 @@ from gsut import _core
 from gsut._core import CameraMotion, InputError, Shutter
 from gsut.data.errors import DatasetError
 from gsut.data.images import decode_scaled, make_lens_mask, read_mask, shrink_both
+from gsut.data.scene.depth_form import DISTANCES, DepthForm
 from gsut.data.scene.lru_cache import LruCache
 from gsut.lens import Camera
 
@@ -37,6 +38,7 @@ class View:
             rolling shutter, or None.
         mask_path: image that is white where pixels are valid, or None.
         depth_path: as the dataset names it, not read here, or None.
+        depth_form: how it is read.
         normal_path: likewise, a map of normals.
         turns: quarter turns clockwise that show the image upright, by EXIF; its pixels, lens and
             pose are as stored.
@@ -58,6 +60,7 @@ class View:
     valid: np.ndarray | None = None
     normal_path: Path | None = None
     turns: int = 0
+    depth_form: DepthForm = DISTANCES
 
     def __post_init__(self) -> None:
         for name in ("camera_from_world", "camera_from_world_start", "camera_from_world_end"):
@@ -111,6 +114,8 @@ class Scene:
         larger: the same scene at a larger size, whose images are shrunk in place of the files'.
         decodes_small: JPEG files are decoded at a part of their size: see `decode_scaled`.
         known_up: (3,) up in the world, as the dataset states it, or None.
+        fixed: of each camera, (h, w) bool at any size, True where its pixels do not show the scene,
+            or None; empty: none of them has any.
 
     Any sequences are taken and kept as tuples, arrays are read-only; `replace` makes another scene.
     """
@@ -128,6 +133,7 @@ class Scene:
     larger: Scene | None = None
     decodes_small: bool = False
     known_up: np.ndarray | None = None
+    fixed: tuple[np.ndarray | None, ...] = ()
     _images: LruCache = dataclasses.field(init=False)
     _masks: LruCache = dataclasses.field(init=False)
 
@@ -150,7 +156,7 @@ class Scene:
         """Returns the scene with other values of these attributes; decoded images are shared."""
         scene = dataclasses.replace(self, **changes)
         object.__setattr__(scene, "_images", self._images)
-        if not changes.keys() & {"cameras", "file_cameras"}:  # a mask depends on the lens
+        if not changes.keys() & {"cameras", "file_cameras", "fixed"}:  # what a mask depends on
             object.__setattr__(scene, "_masks", self._masks)
         if not changes.keys() & _IN_WORLD:
             scene._keep_centred(self, lambda near: near.replace(**changes))
@@ -298,6 +304,12 @@ class Scene:
         key = (view.image_path, view.mask_path, view.camera_index)
         return self._masks.get(key, lambda: (self._make_mask(view),))[0]
 
+    def find_lens_mask(self, camera_index: int) -> np.ndarray:
+        """Finds (H, W) bool, True where a camera sees the scene: pixels with a ray, not fixed."""
+        sizes = self.cameras[camera_index], self.file_cameras[camera_index]
+        fixed = self.fixed[camera_index] if self.fixed else None
+        return self._masks.get(("lens", camera_index), lambda: (_mask_lens(*sizes, fixed),))[0]
+
     def check_pixels(self) -> None:
         """Decodes every image and mask once: raises the DatasetError of the first damaged one."""
         with concurrent.futures.ThreadPoolExecutor(_core.num_threads()) as threads:
@@ -320,7 +332,7 @@ class Scene:
 
     def _make_mask(self, view: View) -> np.ndarray:
         camera = self.cameras[view.camera_index]
-        valid = self._get_lens_mask(view.camera_index)
+        valid = self.find_lens_mask(view.camera_index)
         alpha = self._read_pixels(view)[1]
         if alpha is not None:
             valid = valid & alpha
@@ -333,12 +345,15 @@ class Scene:
             )[0]  # fmt: skip
         return _require_pixels(valid, view)
 
-    def _get_lens_mask(self, camera_index: int) -> np.ndarray:
 
-        def make() -> tuple[np.ndarray]:
-            return (make_lens_mask(self.cameras[camera_index], self.file_cameras[camera_index]),)
-
-        return self._masks.get(("lens", camera_index), make)[0]
+def _mask_lens(camera: Camera, full: Camera, fixed: np.ndarray | None) -> np.ndarray:
+    """Makes (H, W) bool, True where a camera has rays and its pixels are not `fixed`."""
+    valid = make_lens_mask(camera, full)
+    if fixed is None:
+        return valid
+    sizes = zip(valid.shape, fixed.shape, strict=True)
+    nearest = (np.arange(size) * of // size for size, of in sizes)
+    return valid & ~fixed[np.ix_(*nearest)]
 
 
 def keep_at_most(scene: Scene, size: float) -> None:

@@ -168,7 +168,7 @@ POSES_CHECKS: tuple[Check[PosesQuality], ...] = (
     Check(
         "number of views", lambda q: _FEWEST - q.registered, 0, 0,
         lambda q: f"only {q.registered} views",
-        "take 60 pictures or more, walking around what you want to see",
+        "take 60 pictures or more, walking around what you want to see", is_visible=True,
     ),
     Check(
         "turn during the readout", lambda q: q.readout_turn or 0.0, _FAST_TURN, _IMPOSSIBLE_TURN,

@@ -46,6 +46,7 @@ class TrainingQuality:
         train: detail of training views; None: no other views were measured.
         moving: share of the training pixels that show what moved.
         patch: share of a training view in which far less detail is right than elsewhere.
+        outside: detail of training views outside it.
         repeat: the training, as a command that repeats it with one change.
         accused: what the check before the training says is wrong; None: nothing.
     """
@@ -55,6 +56,7 @@ class TrainingQuality:
     train: float | None
     moving: float
     patch: float
+    outside: float
     repeat: NextCommand
     accused: Mapping[str, str] | None
 
@@ -130,8 +132,12 @@ def _choose_step_on_wrong(q: TrainingQuality) -> str:
 
 
 def _describe_moved(q: TrainingQuality) -> str:
-    where = f" in a patch of {100 * q.patch:.0f} % of the pictures" if q.patch > 0 else ""
-    return f"something moved{where}"
+    if q.patch == 0:
+        return "something moved"
+    return (
+        f"something moved in a patch of {100 * q.patch:.0f} % of the pictures, and of the rest "
+        f"{100 * q.outside:.0f} % of the detail is right"
+    )
 
 
 def _describe_between(q: TrainingQuality) -> str:
@@ -223,7 +229,7 @@ def judge_training(
     Args:
         metrics: of metrics.json: psnr, psnr_color_corrected, detail_median, detail_min,
             least_detailed, detail_shifted_median, detail_train, unseen, moving, moving_train,
-            patch_train, steps, evaluated_on, refinement.
+            patch_train, detail_outside_train, steps, evaluated_on, refinement.
         data, run: the dataset's and the run's path, for the next command.
         options: that the run was made with, which the next command keeps; None: the defaults.
         division: words of the command line that divided it into blocks.
@@ -242,6 +248,7 @@ def judge_training(
         train=metrics.get("detail_train"),
         moving=metrics.get("moving_train", 0.0),
         patch=metrics.get("patch_train", 0.0),
+        outside=metrics.get("detail_outside_train", 0.0),
         repeat=NextCommand(data, f"{run}-2", options, division, scene),
         accused=None if was_refined and _find_tracks(metrics)["refined"] else accused,
     )

@@ -10,6 +10,7 @@ from gsut.gaussians import Gaussians
 from gsut.refine import TracksResult, check_refinable, refine_by_tracks
 from gsut.run import Progress, TrainOptions
 from gsut.run.options import READOUTS
+from gsut.training.first.fixed_pixels import find_fixed_of_cameras
 
 # Photographs whose edges decide on a plain background, spread evenly: reading all takes longer.
 _EDGE_PHOTOGRAPHS = 8
@@ -26,6 +27,8 @@ def prepare_scene(scene: Scene, options: TrainOptions) -> Scene:
         most = max(max(c.width, c.height) for c in scene.cameras)
         small = scene.scale_images(o.max_side / most, decodes_small=True)
         small = small.replace(notes=(*small.notes, note))
+    if not o.keep_all_pixels:
+        small = small.replace(fixed=find_fixed_of_cameras(small))
     if o.shutter in READOUTS:
         return with_shutter(small, "rolling", o.readout_time, o.shutter)
     return with_shutter(small, o.shutter, o.readout_time, "top_to_bottom")
@@ -57,7 +60,8 @@ def find_plain_background(scene: Scene) -> tuple[float, float, float] | None:
         edge = np.ones(mask.shape, bool)
         edge[1:-1, 1:-1] = False
         edges += int(np.count_nonzero(edge))
-        cut_out += int(np.count_nonzero(edge & ~mask & scene.camera(index).rays()[1]))
+        seen = scene.find_lens_mask(scene.views[index].camera_index)
+        cut_out += int(np.count_nonzero(edge & ~mask & seen))
         colors.append(scene.image(index)[edge & mask].astype(np.int16))
     if 2 * cut_out > edges:
         return (0.0, 0.0, 0.0)

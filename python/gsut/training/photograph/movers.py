@@ -5,6 +5,10 @@ with each other and not with the view's own photograph, something stood before t
 not there in the others. What shines, or is badly reconstructed, differs among all photographs and
 does not count. The Gaussians must not show the mover themselves, as they do after many steps: ask
 early, or after a training that left movers out.
+
+Somebody who stays in the middle of the pictures hides the same surface in many of them, so that
+the others agree about a part of them only. What is connected with that part, and is not what the
+Gaussians show, belongs to them too.
 """
 
 from __future__ import annotations
@@ -38,6 +42,9 @@ _SPREADS = 3.0
 _SHADE = 1.6
 # Side in pixels of the window in which more than half must differ: single pixels are no mover.
 _WINDOW = 5
+# Pixels from which something moved in a view in which the first comparison found nothing: fewer
+# photographs are left for the second one.
+_LEAST_NEW = 2 * _WINDOW**2
 # Alpha from which a pixel has a distance.
 _OPAQUE = 0.5
 
@@ -50,14 +57,24 @@ class _Look:
         colors: (H, W, 9): the photograph's colour in [0, 1], its light divided out, and the lowest
             and the highest of each pixel's neighbours.
         distances: (H, W), infinite where nothing is and outside the mask.
+        misfit: (H, W), by how much the photograph differs from all that the Gaussians show within a
+            pixel.
         camera, pose: through which it is seen. mask: (H, W) bool, True where pixels count.
     """
 
     colors: np.ndarray
     distances: np.ndarray
+    misfit: np.ndarray
     camera: Any
     pose: np.ndarray
     mask: np.ndarray
+
+    def hide(self, moved: np.ndarray | None) -> _Look:
+        """Returns what is seen beside what moved, (H, W) bool; None: nothing did."""
+        if moved is None:
+            return self
+        distances = np.where(moved, np.float32(np.inf), self.distances)
+        return dataclasses.replace(self, distances=distances)
 
     @property
     def center(self) -> np.ndarray:
@@ -108,12 +125,26 @@ class Movers:
             """Lists what the view shows, and what the nearest training views show."""
             away = np.linalg.norm(centers[train] - centers[index], axis=1)
             nearest = [int(i) for i in train[np.argsort(away, kind="stable")] if i != index]
-            return [look_at(each) for each in (index, *nearest[:_NEAREST])]
+            others = [look_at(each).hide(moved.get(each)) for each in nearest[:_NEAREST]]
+            return [look_at(index), *others]
 
+        def compare_all(views: Sequence[int]) -> dict[int, np.ndarray]:
+            tasks = [threads.submit(_compare, *list_looks(index)) for index in views]
+            found = zip(views, (task.result() for task in tasks), strict=True)
+            return {index: mask for index, mask in found if mask.any()}
+
+        moved = dict[int, np.ndarray]()
         with concurrent.futures.ThreadPoolExecutor(_core.num_threads(), "gsut-movers") as threads:
-            tasks = [threads.submit(_compare, *list_looks(index)) for index in indices]
-            found = zip(indices, (task.result() for task in tasks), strict=True)
-            return cls({index: mask for index, mask in found if mask.any()})
+            found = compare_all(indices)
+            if found:  # once more, without what the others show of the movers
+                moved = compare_all(train.tolist()) if set(indices) - set(train) else found
+                again = compare_all(indices)
+                found |= {
+                    index: found[index] | mask if index in found else mask
+                    for index, mask in again.items()
+                    if index in found or np.count_nonzero(mask) > _LEAST_NEW
+                }
+        return cls(found)
 
     def scale_mask(self, view: int, width: int, height: int) -> np.ndarray | None:
         """Returns a view's mask (height, width), or None where nothing moved."""
@@ -141,7 +172,9 @@ def _look(gaussians: Any, scene: Any, index: int, light: Light | None) -> _Look:
     is_near = (alpha >= _OPAQUE) & mask
     distances = np.where(is_near, drawn.depth / np.maximum(alpha, _OPAQUE), np.float32(np.inf))
     colors = np.concatenate([image, cv2.erode(image, around), cv2.dilate(image, around)], axis=2)
-    return _Look(colors, distances, camera, view.camera_from_world, mask)
+    misfit = _measure_misfit(image, cv2.erode(drawn.image, around), cv2.dilate(drawn.image, around))
+    misfit = np.where(mask, misfit, np.float32(0))
+    return _Look(colors, distances, misfit, camera, view.camera_from_world, mask)
 
 
 def _compare(own: _Look, *others: _Look) -> np.ndarray:
@@ -165,12 +198,32 @@ def _compare(own: _Look, *others: _Look) -> np.ndarray:
     mine = own.colors[rows, columns, :3]
     shade = _average_channels(mine) / np.maximum(_average_channels(middle), 1 / 255)
     shade = np.clip(shade, 1 / _SHADE, _SHADE)[:, None]
-    off = _average_channels(np.maximum(np.maximum(low * shade - mine, mine - high * shade), 0))
+    off = _measure_misfit(mine, low * shade, high * shade)
     is_plain = spread < 0.5 * _DIFFERENT
     different[rows, columns] = is_plain & (off > np.maximum(_DIFFERENT, _SPREADS * spread))
     size = (_WINDOW, _WINDOW)
     dense = cv2.boxFilter(different, -1, size) > 0.5
-    return (cv2.dilate(dense.astype(np.uint8), np.ones(size, np.uint8)) > 0) & own.mask & valid
+    found = cv2.dilate(dense.astype(np.uint8), np.ones(size, np.uint8)) > 0
+    return (found | _grow(found, own)) & own.mask & valid
+
+
+def _grow(found: np.ndarray, own: _Look) -> np.ndarray:
+    """Finds (H, W) of the misfit that is connected with what was found to have moved."""
+    import cv2
+
+    if not found.any():
+        return found
+    least = max(_DIFFERENT, _SPREADS * float(np.median(own.misfit[own.mask])))
+    size = (_WINDOW, _WINDOW)
+    dense = cv2.boxFilter((own.misfit > least).astype(np.float32), -1, size) > 0.5
+    labels = cv2.connectedComponents(dense.astype(np.uint8), connectivity=4)[1]
+    grown = np.isin(labels, np.unique(labels[found & dense]))
+    return cv2.dilate((grown & dense).astype(np.uint8), np.ones(size, np.uint8)) > 0
+
+
+def _measure_misfit(colors: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Measures by how much colours (..., 3) lie outside a range, as a mean over the channels."""
+    return _average_channels(np.maximum(np.maximum(low - colors, colors - high), 0))
 
 
 def _average_channels(colors: np.ndarray) -> np.ndarray:

@@ -23,6 +23,7 @@ from gsut.render import Light
 from gsut.run import RunFile, RunFolder, TrainOptions
 from gsut.training.loop import TrainingLoop
 from gsut.training.photograph import Movers
+from gsut.training.record.marked import write_marked
 from gsut.training.record.trained_run import TrainedRun
 
 # Training views that are measured if none is held out: each takes a render.
@@ -98,16 +99,52 @@ def measure_training(
         find_movers=find_movers,
     )  # fmt: skip
     metrics["moving_train"] = loop.outliers.movers.measure_share(len(scene.train_indices))
+    if run is not None:
+        metrics["marked"] = [*_mark_fixed(run, scene), *_mark_moved(run, scene, movers)]
     if scene.test_indices:
         some = scene.train_indices[:: -(-len(scene.train_indices) // _BESIDE)]
         how: dict[str, Any] = {"background": background, "light": light}
-        trained = evaluate(gaussians, scene, some, find_moving=movers.scale_mask, **how)
+        trained = evaluate(
+            gaussians, scene, some, find_moving=movers.scale_mask, keep_patches=True, **how
+        )
         metrics |= {f"{key}_train": trained[key] for key in ("psnr", "detail")}
-        metrics["patch_train"] = statistics.median(row["patch"] for row in trained["views"])
+        rows = trained["views"]
+        metrics["patch_train"] = statistics.median(row["patch"] for row in rows)
+        metrics["detail_outside_train"] = statistics.median(row["detail_outside"] for row in rows)
+        if run is not None and metrics["patch_train"] > 0:
+            row, view = max(zip(rows, some, strict=True), key=lambda pair: pair[0]["patch"])
+            text = "far less detail is right here than in the rest of the picture"
+            marked = write_marked(run, scene, view, row["wrong_patch"], "patch.png", text)
+            metrics["marked"].append(marked)
     metrics["notes"] += loop.notes
     if loop.refiner is not None:
         metrics["refinement"] = loop.refiner.summarize()
     return scene, metrics
+
+
+def _mark_fixed(run: RunFolder, scene: Scene) -> list[dict[str, Any]]:
+    """Writes a photograph for each different set of fixed pixels, with these marked."""
+    first: dict[int, tuple[int, np.ndarray]] = {}  # by the array
+    for index in scene.train_indices:
+        fixed = scene.fixed[scene.views[index].camera_index] if scene.fixed else None
+        if fixed is not None:
+            first.setdefault(id(fixed), (index, fixed))
+    text = "pixels that show the same in all images, left out"
+    return [
+        write_marked(run, scene, index, fixed, f"fixed_{number}.png", text)
+        for number, (index, fixed) in enumerate(first.values())
+    ]
+
+
+def _mark_moved(run: RunFolder, scene: Scene, movers: Movers) -> list[dict[str, Any]]:
+    """Writes the training photograph of which movers take most, with these marked."""
+    if not movers.masks:
+        return []
+    view = max(movers.masks, key=lambda index: float(movers.masks[index].mean()))
+    mask, share = movers.masks[view], movers.measure_share(len(scene.train_indices))
+    text = f"what moved past, left out: {100 * mask.mean():.0f} % of this photograph, "
+    text += f"{100 * share:.1f} % of all"
+    return [write_marked(run, scene, view, mask, "moved.png", text)]
 
 
 def write_results(

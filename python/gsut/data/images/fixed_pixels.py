@@ -1,0 +1,71 @@
+"""Finds pixels that show the same in all pictures while the scene moves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+
+COMPARED_SIDE = 400  # pixels of the longer side of compared pictures: a clock's frame is wider
+FEWEST_COMPARED = 6  # pictures: fewer agree by chance
+_MOST = 16  # pictures compared: more hardly change what agrees
+_SAME = 10  # grey levels: compression and noise of one colour
+_LEAST_AREA = 1e-3  # of the picture: smaller marks cost little
+# Width over the diagonal of the ring about a patch where the scene moves, and the largest share of
+# the ring that most pictures agree in. A sky's edge differs from picture to picture, so that most
+# of them agree about the patch that all agree in.
+_RING = 0.015
+_CALM = 0.35
+_MOST_FIXED = 0.8  # of the picture: beyond that the camera stood still
+_FILLED = 0.25  # area of a hole, such as a clock's digits, over that of the patch around it
+
+
+def choose_compared(count: int) -> Iterable[int]:
+    """Returns the numbers of the pictures to compare, spread over `count` of them."""
+    return np.unique(np.linspace(0, count - 1, _MOST).round().astype(int)).tolist()
+
+
+def describe_fixed_pixels(share: float) -> str:
+    """Says that fixed pixels take this share of a picture; the sentence goes on with what is
+    done about it."""
+    return (
+        f"{100 * share:.0f} % of the picture shows the same in all images while the scene "
+        "moves, as the black around a lens' circle, bars or a logo do"
+    )
+
+
+def find_fixed_pixels(pictures: np.ndarray) -> np.ndarray:
+    """Returns (H, W) bool, True for patches that are alike in all pictures (N, H, W, 3) uint8.
+
+    A patch ends at the same pixels in all pictures: right beside it most of them differ.
+    """
+    import cv2
+
+    middle = np.median(pictures, axis=0)
+    apart = np.abs(pictures - middle).max(axis=3)
+    alike = (apart.max(axis=0) <= _SAME).astype(np.uint8)
+    mostly = np.median(apart, axis=0) <= _SAME
+    width = max(2, round(_RING * np.hypot(*alike.shape)))
+    disk = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * width + 1, 2 * width + 1))
+    edge = cv2.getStructuringElement(cv2.MORPH_RECT, (5, 5))  # blurred by lens and compression
+    count, labels, rows, _ = cv2.connectedComponentsWithStats(alike)
+    fixed = np.zeros(alike.shape, bool)
+    for number in range(1, count):
+        area = rows[number, cv2.CC_STAT_AREA]
+        if area < _LEAST_AREA * alike.size:
+            continue
+        patch = _fill_holes((labels == number).astype(np.uint8), _FILLED * area)
+        near = cv2.dilate(patch, edge)
+        ring = (cv2.dilate(near, disk) > 0) & (near == 0)
+        if ring.any() and mostly[ring].mean() < _CALM:
+            fixed |= near > 0
+    return fixed if fixed.mean() < _MOST_FIXED else np.zeros_like(fixed)
+
+
+def _fill_holes(patch: np.ndarray, largest: float) -> np.ndarray:
+    """Fills the holes of a patch up to this area in pixels."""
+    import cv2
+
+    _, labels, rows, _ = cv2.connectedComponentsWithStats(1 - patch)
+    small = np.flatnonzero(rows[:, cv2.CC_STAT_AREA] <= largest)
+    return patch | np.isin(labels, small[small > 0]).astype(np.uint8)
