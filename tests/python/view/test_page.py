@@ -79,7 +79,7 @@ def test_eye_moves_while_a_large_exact_frame_is_drawn(window, monkeypatch):
         return draw(frames, request)
 
     monkeypatch.setattr(Frames, "draw", draw_late)
-    window.run("state.lossless = true; await makeLens({ model: 'pinhole', fit: [3000, 1000] });")
+    window.run("state.lossless = true; await makeLens({ model: 'pinhole', fit: [16000, 1000] });")
     assert going.wait(WAIT_SECONDS)
     before = int(window.run("return document.body.dataset.frames;"))
     window.run("look(0.1, 0);")
