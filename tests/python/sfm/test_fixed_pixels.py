@@ -86,7 +86,15 @@ def test_pixels_that_do_not_move_are_found(scene, add):
     assert not found[near == 0].any()
 
 
-@pytest.mark.parametrize("add", [add_nothing, add_sky, add_bare_wall, add_night])
+def add_object_on_black(pictures):
+    for i, picture in enumerate(pictures):  # which looks different from each side
+        picture[np.hypot(X - 100 - 30 * np.sin(i), Y - 75 - 20 * np.cos(2 * i)) > 40] = 0
+    return add_nothing(pictures)
+
+
+@pytest.mark.parametrize(
+    "add", [add_nothing, add_sky, add_bare_wall, add_night, add_object_on_black]
+)
 def test_scene_that_is_alike_in_places_is_not_masked(add):
     pictures = film_texture()
     add(pictures)

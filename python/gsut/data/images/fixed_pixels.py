@@ -17,6 +17,9 @@ _LEAST_AREA = 1e-3  # of the picture: smaller marks cost little
 _RING = 0.015
 _CALM = 0.35
 _BLACK = 16  # grey levels: what a lens' circle and bars leave dark, with noise
+# Share of the ring, over all pictures, in the patch's colour beyond which that is a background:
+# beside a lens' circle and bars it is at most 0.09, in dark rooms too.
+_GOES_ON = 0.15
 _MOST_FIXED = 0.8  # of the picture: beyond that the camera stood still
 _FILLED = 0.25  # area of a hole, such as a clock's digits, over that of the patch around it
 
@@ -48,12 +51,13 @@ def find_fixed_pixels(pictures: np.ndarray) -> np.ndarray:
     is_bright = middle.max(axis=2) > _BLACK + _SAME
     fixed = np.zeros(alike.shape, bool)
     for patch, ring in _list_patches(alike):
-        if mostly[ring].mean() < _CALM:
+        if mostly[ring].mean() < _CALM and not _is_background(pictures, patch, ring):
             fixed |= patch
     dark = alike & (middle.max(axis=2) <= _BLACK)
     if _take_corners(dark).all():  # as about a circle and beside bars
         for patch, ring in _list_patches(dark):
-            if _take_corners(patch).any() and is_bright[ring].mean() > 1 - _CALM:
+            is_step = is_bright[ring].mean() > 1 - _CALM
+            if _take_corners(patch).any() and is_step and not _is_background(pictures, patch, ring):
                 fixed |= patch
     return fixed if fixed.mean() < _MOST_FIXED else np.zeros_like(fixed)
 
@@ -75,6 +79,14 @@ def _list_patches(pixels: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]
         ring = (cv2.dilate(near, disk) > 0) & (near == 0)
         if ring.any():
             yield near > 0, ring
+
+
+def _is_background(pictures: np.ndarray, patch: np.ndarray, ring: np.ndarray) -> bool:
+    """Returns whether a patch at the corners goes on beside itself in many pictures, as behind an
+    object that was taken before a plain background."""
+    color = np.median(pictures[:, patch], axis=(0, 1))
+    goes_on = np.abs(pictures[:, ring] - color).max(axis=2) <= 2 * _SAME
+    return bool(_take_corners(patch).any() and goes_on.mean() > _GOES_ON)
 
 
 def _take_corners(picture: np.ndarray) -> np.ndarray:
