@@ -16,6 +16,7 @@ import numpy as np
 import gsut
 import small_datasets
 import small_recordings
+import small_scans
 import small_videos
 from calib.boards.images import read_grey
 from formats.scene_cases import plain_scene
@@ -29,6 +30,7 @@ from gsut.cli.edit import _read_undo
 from gsut.data.capture_file import read_capture
 from gsut.data.errors import raise_error
 from gsut.data.images.decode import decode_mask, read_header
+from gsut.data.points.las import load_points_las
 from gsut.data.poses.camera_path import read_path, read_path_lens
 from gsut.data.poses.trajectory import read_trajectory
 from gsut.data.rigs import read_rig
@@ -194,6 +196,11 @@ EXAMPLES: dict[str, Make] = {
     "header of a picture": write_by("a.png", write_picture, read_header),
     "history of a run": write_by(
         "history.jsonl", lambda file: file.write_text('{"step": 1, "loss": 0.5}\n'), read_history
+    ),
+    "laser scan": write_by(
+        "cloud.las",
+        lambda file: file.write_bytes(small_scans.format_las(np.eye(3))),
+        load_points_las,
     ),
     "layout of blocks": write_values(
         "layout.json", {"tree": TREE, "near": [[0, 0, 0], [1, 1, 1]]}, lambda f: Layout.read(str(f))

@@ -24,7 +24,7 @@ struct CameraModelFile {
 // Models: LENSMODEL_PINHOLE, _OPENCV4, _OPENCV5, _OPENCV8, _OPENCV12, _STEREOGRAPHIC, _LONLAT,
 // _LATLON, _CAHVOR, _CAHVORE, _SPLINED_STEREOGRAPHIC. The key gsut_valid_field_angle (radians),
 // which mrcal does not know, holds Camera::valid_field_angle; mrcal's optimization_inputs are not
-// kept. source: the file's name, for messages. Throws CalibrationError naming source, line and key.
+// read. source: the file's name, for messages. Throws CalibrationError naming source, line and key.
 CameraModelFile ParseCameraModel(std::string_view text, const std::string& source);
 
 // Throws InputError if mrcal has no such lens. Numbers are written so that they read back exactly.

@@ -258,6 +258,7 @@ def _make_views(frames: list[Frame], offset: np.ndarray) -> tuple[list[Camera], 
                 frame.shutter,
                 normal_path=frame.normal_path,
                 turns=frame.turns,
+                depth_form=frame.depth_form,
             )
         )
     return cameras, views

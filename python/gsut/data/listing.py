@@ -10,7 +10,8 @@ import numpy as np
 
 from gsut._core import Shutter
 from gsut.data.colmap import RigPlace
-from gsut.data.points import load_points_ply
+from gsut.data.points import load_points
+from gsut.data.scene import DISTANCES, DepthForm
 from gsut.lens import Camera
 
 
@@ -32,6 +33,7 @@ class Frame:
     normal_path: Path | None = None
     turns: int = 0  # clockwise, by a quarter each, that show the image upright
     rig: RigPlace | None = None
+    depth_form: DepthForm = DISTANCES
 
 
 @dataclasses.dataclass
@@ -57,6 +59,6 @@ class Listing:
     up: np.ndarray | None = None
 
     def take_points(self, path: Path) -> None:
-        """Takes the points of a PLY file; errors: see `load_points_ply`."""
-        self.points, self.point_colors = load_points_ply(path, self.notes)
+        """Takes the points of a PLY, LAS or LAZ file; errors: see `load_points`."""
+        self.points, self.point_colors = load_points(path, self.notes)
         self.points_source = path

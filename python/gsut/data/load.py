@@ -65,7 +65,8 @@ def read_dataset(path: Path, *, on_error: OnError = raise_error) -> Listing:
     if layout is None and path.is_file():
         raise DatasetError(
             path,
-            "a file that is neither a transforms.json nor a dataset.yaml",
+            find_foreign_files(path)
+            or "a file that is neither a transforms.json nor a dataset.yaml",
             f"give the dataset's folder; of a video `gsut scene {path} -o RUN` makes a scene",
         )
     if layout is None:
@@ -76,8 +77,8 @@ def read_dataset(path: Path, *, on_error: OnError = raise_error) -> Listing:
             path,
             "; ".join(filter(None, ["no dataset found", find_foreign_files(path)]))
             + f"; looked for {looked}",
-            "lay the files out in one of these ways (docs/datasets.md), or let `gsut scene` make a "
-            "scene of photographs",
+            "lay them out in one of these ways (docs/datasets.md), or make a scene of photographs "
+            "by `gsut scene`",
         )
     with reading(path, _ADVICE, DatasetError):
         return _read(layout, path, on_error)

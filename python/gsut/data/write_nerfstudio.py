@@ -13,6 +13,7 @@ import numpy as np
 from gsut._core import InputError
 from gsut.data.listing import Frame
 from gsut.data.poses import OPENGL_FROM_OPENCV
+from gsut.data.scene import DISTANCES
 from gsut.files import parse_json, write_file
 from gsut.lens import Camera, save_camera
 from gsut.lens.files import LENS_FILE, OWN_SUFFIX, format_nerfstudio
@@ -121,10 +122,15 @@ def _describe_frame(frame: Frame, folder: Path) -> dict[str, Any]:
         "mask_path": frame.mask_path,
         "depth_file_path": frame.depth_path,
         "normal_file_path": frame.normal_path,
+        "confidence_file_path": frame.depth_form.confidence_path,
     }
     for key, path in files.items():
         if path is not None:
             values[key] = _name_relative(path, folder)
+    if frame.depth_path is not None and frame.depth_form != DISTANCES:
+        form = frame.depth_form
+        values |= {"depth_unit": form.unit, "depth_along": "z" if form.is_z else "ray"}
+        values["least_confidence"] = form.least_confidence
     return values
 
 

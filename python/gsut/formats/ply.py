@@ -52,6 +52,7 @@ PACKED = b"packed_position"  # a property of SuperSplat's compressed files
 
 # Gaussians from which it is no chance that all of them have such values.
 _FEWEST_JUDGED = 20
+_SMALL_LOG = 0.5  # of sizes: half of all within that factor of the smallest is no scene
 
 
 @register_reader("PLY of Gaussians", ".ply")
@@ -178,15 +179,24 @@ def _warn_of_rounding(path: str | os.PathLike[str], gaussians: Gaussians) -> Non
 
 
 def _warn_of_activated(path: str | os.PathLike[str], gaussians: Gaussians) -> None:
-    """Warns if a file seems to hold opacities and sizes where logits and logarithms belong."""
+    """Warns if a file seems to hold opacities or sizes where logits or logarithms belong.
+
+    Logits of a trained scene have both signs. Logarithms have, too, unless all Gaussians are larger
+    than a unit, and most then by far.
+    """
     logits, scales = gaussians.opacity_logits, gaussians.log_scales
-    if len(gaussians) < _FEWEST_JUDGED or scales.min() <= 0:
+    if len(gaussians) < _FEWEST_JUDGED:
         return
+    found = []
     if 0 <= logits.min() < logits.max() <= 1:
+        found.append("all opacities lie in 0 to 1")
+    if scales.min() > 0 and (found or np.median(scales) < _SMALL_LOG):
+        found.append("all scales are above 0")
+    if found:
         warnings.warn(
-            f"{os.fspath(path)}: all opacities lie in 0 to 1 and all scales are above 0: does it "
-            "hold opacities and sizes where a PLY of 3DGS has their logits and logarithms? Then "
-            "export it again without activating them",
+            f"{os.fspath(path)}: {' and '.join(found)}: does it hold opacities and sizes where a "
+            "PLY of 3DGS has their logits and logarithms? Then export it again without activating "
+            "them",
             stacklevel=3,
         )
 

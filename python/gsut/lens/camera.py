@@ -58,6 +58,7 @@ class Camera(_core.Camera):
 
     extrinsics: np.ndarray | None
     valid_region: np.ndarray | None
+    solved_from: tuple[str, ...] = ()  # lines of a .cameramodel file; not of a changed lens
 
     def __init__(
         self,

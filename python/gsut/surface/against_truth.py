@@ -125,13 +125,12 @@ def _read_depth(scene: Any, index: int, folder: Path | None, unit: float) -> np.
         names = (stem, Path(*stem.parts[-2:]), Path(stem.name))  # of a rig with its camera's folder
         choices = [folder / base.with_suffix(s) for base in names for s in (".npy", ".png")]
         path = next((choice for choice in choices if choice.is_file()), None)
-    depth = None if path is None else read_depth(scene, index, path, unit)
+    depth = read_depth(scene, index, *(() if folder is None else (path, unit))) if path else None
     if depth is None:
         return None
     camera = scene.camera(index)
-    if depth.shape != (camera.height, camera.width):
-        raise InputError(
-            f"{path} is {depth.shape[1]} x {depth.shape[0]}, its image {camera.width} x "
-            f"{camera.height}; give depths at the size that the run was trained at"
-        )
-    return depth
+    rows, columns = (  # of the nearest depth
+        (np.arange(size) + 0.5) * n // size
+        for n, size in zip(depth.shape, (camera.height, camera.width), strict=True)
+    )
+    return depth[np.ix_(rows.astype(int), columns.astype(int))]

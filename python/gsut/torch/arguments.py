@@ -140,6 +140,20 @@ class Cameras:
     viewmats_rs: torch.Tensor | None
     lenses: Lenses
 
+    def __post_init__(self) -> None:
+        given = tuple(self.viewmats.shape)
+        if len(given) < 3 or given[-2:] != (4, 4):
+            raise InputError(
+                f"viewmats has shape {given}, expected (..., C, 4, 4); of one camera give "
+                "viewmats[None] and Ks[None]"
+            )
+        matrices = self.lenses.matrices
+        if matrices is not None and tuple(matrices.shape) != (*self.lead, 3, 3):
+            raise InputError(
+                f"Ks has shape {tuple(matrices.shape)}, expected {(*self.lead, 3, 3)}, one for "
+                "each camera; of one camera give Ks[None]"
+            )
+
     @property
     def lead(self) -> tuple[int, ...]:
         """(..., C), how the cameras are arranged."""

@@ -16,6 +16,8 @@ from gsut.torch.views import View
 _LEAST_VARIANCE = 1e-6  # pixels squared, beside a covariance that is inverted
 # What is computed when it is read: a training that reads none of it does not pay for it.
 _PROJECTED = ("radii", "means2d", "depths")
+# gsplat's lists of tiles, which are not here.
+_TILES = ("tiles_per_gauss", "isect_ids", "flatten_ids", "isect_offsets")
 _INDICES = ("batch_ids", "camera_ids", "gaussian_ids")
 
 
@@ -114,6 +116,11 @@ class BatchInfo(MutableMapping[str, Any]):
         self._values["means2d"].requires_grad_(cameras.scene[0].requires_grad)
 
     def __getitem__(self, name: str) -> Any:
+        if name in _TILES and name not in self._values:
+            raise KeyError(
+                f"{name}: gsut's renderer orders the Gaussians of each tile itself and keeps no "
+                "such list; radii, means2d and depths say which tiles a Gaussian meets"
+            )
         if name in _PROJECTED or name in ("conics", "opacities"):
             self._project()
             self._is_read |= name == "means2d"

@@ -61,7 +61,10 @@ def make_params(
     """
     matrix = matrix.to(torch.float64)
     if float(matrix[0, 1].detach()) != 0.0:
-        raise InputError("Ks with a skew (K[0, 1]) are not supported: gsplat ignores it")
+        raise InputError(
+            "Ks with a skew (K[0, 1]) are not supported: gsplat ignores it; for gradcheck make Ks "
+            "of fx, fy, cx and cy, and check these"
+        )
     center = torch.stack([matrix[0, 2], matrix[1, 2]])
     if model == "ftheta":
         if ftheta is None:

@@ -47,6 +47,8 @@ def rasterization(
         means, quats, scales, opacities: [..., N, 3], [..., N, 4], [..., N, 3], [..., N].
         colors: [..., (C,) N, D] as they are, or with sh_degree [(..., C,) N, K, D].
         viewmats, Ks: [..., C, 4, 4], [..., C, 3, 3]; both have gradients, as have coefficients.
+            That of viewmats is along rigid transforms: an optimizer of its 16 numbers leaves them,
+            and gradcheck fails; optimize a rotation and a translation behind it.
         width, height, near_plane, far_plane, sh_degree, backgrounds, camera_model, radial_coeffs,
             tangential_coeffs, thin_prism_coeffs, ftheta_coeffs, rolling_shutter, viewmats_rs,
             global_z_order: as in gsplat.

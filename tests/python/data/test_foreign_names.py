@@ -100,7 +100,9 @@ def test_scene_of_a_file_for_each_part_is_read_with_its_split(tmp_path):
     assert len(gsut.load_dataset(tmp_path).test_indices) == 2
 
 
-@pytest.mark.parametrize("name", ["cameras.xml", "reconstruction.json", "bundle.out", "a.nvm"])
+@pytest.mark.parametrize(
+    "name", ["cameras.xml", "reconstruction.json", "bundle.out", "a.nvm", "a.sfm"]
+)
 @pytest.mark.parametrize("with_pictures", [True, False])
 def test_files_of_other_programs_are_named(tmp_path, name, with_pictures):
     if with_pictures:

@@ -29,6 +29,20 @@ def test_ply_of_activated_values_is_suspected(scene, tmp_path):
         assert len(gsut.load_gaussians(tmp_path / "active.ply")) == 60
 
 
+@pytest.mark.parametrize("name", ["opacity_logits", "log_scales"])
+def test_ply_with_one_activated_value_is_suspected_and_a_large_scene_is_not(scene, tmp_path, name):
+    scene.log_scales[:] += 6 - scene.log_scales.min()
+    save_gaussians(tmp_path / "large.ply", scene)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        gsut.load_gaussians(tmp_path / "large.ply")
+    values = getattr(scene, name)
+    values[:] = np.linspace(0.01, 0.9, values.size).reshape(values.shape) ** 2
+    save_gaussians(tmp_path / "active.ply", scene)
+    with pytest.warns(UserWarning, match="does it hold opacities and sizes"):
+        gsut.load_gaussians(tmp_path / "active.ply")
+
+
 def extend(path, records: bytes, cut: int = 0):
     """Adds records behind the Gaussians of an SPZ of version 3, and the flag that says so."""
     data = bytearray(gzip.decompress(path.read_bytes()))

@@ -440,3 +440,19 @@ def test_tensor_changed_in_place_before_backward_is_noticed():
     scales.mul_(2.0)
     with pytest.raises(RuntimeError, match="modified by an inplace operation"):
         image.sum().backward()
+
+
+def test_cameras_without_their_dimension_and_lists_of_tiles_are_refused_by_a_sentence(rng):
+    base, _, _ = make_values(rng)
+    _, _, info = rasterization(**base, packed=False)
+    for name in ("isect_ids", "isect_offsets", "flatten_ids", "tiles_per_gauss"):
+        assert info.get(name) is None
+        with pytest.raises(KeyError, match="keeps no such list"):
+            info[name]
+    for name, words in (("viewmats", r"viewmats\[None\]"), ("Ks", r"Ks\[None\]")):
+        with pytest.raises(gsut.InputError, match=words):
+            rasterization(**base | {name: base[name][0]}, packed=False)
+    skewed = base["Ks"].clone()
+    skewed[..., 0, 1] = 0.1
+    with pytest.raises(gsut.InputError, match="for gradcheck make Ks of fx, fy, cx and cy"):
+        rasterization(**base | {"Ks": skewed}, packed=False)

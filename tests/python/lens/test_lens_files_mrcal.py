@@ -36,6 +36,17 @@ def test_cahvore_file_of_mrcal_is_read(tmp_path):
     np.testing.assert_array_equal(camera.extrinsics, [0, 0.1, 0.2, 0.3, 0.4, 0.5])
 
 
+def test_copied_file_keeps_what_its_uncertainty_needs_and_a_changed_lens_drops_it(tmp_path):
+    path, copy = tmp_path / "lens.cameramodel", tmp_path / "copy.cameramodel"
+    solved = "    'icam_intrinsics': 1,\n    'optimization_inputs': b'UEsDB+/=',\n"
+    path.write_text(CAHVORE.replace("\n\n}", f"\n{solved}}}"))
+    camera = load_camera(path)
+    save_camera(camera, copy)
+    assert solved in copy.read_text() and load_camera(copy) == camera
+    save_camera(camera.resize(320, 240), copy)
+    assert "optimization_inputs" not in copy.read_text()
+
+
 def test_cahvore_writes_every_digit_of_its_linearity(tmp_path):
     for linearity in (0.375, -0.1, 1.0, 0.0, 1 / 3):
         camera = Camera("cahvore", [*PARAMS[:-1], linearity], 640, 480)

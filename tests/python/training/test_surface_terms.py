@@ -263,10 +263,10 @@ def test_check_maps_of_z_beside_points_raises_what_to_do(tmp_path):
     options = gsut.TrainOptions(surface=True)
     check_maps(write_depths(tmp_path / "ray", False), options)
     scene = write_depths(tmp_path / "z", True)
-    with pytest.raises(InputError, match=r"as z along the camera's axis.*z_from_distance"):
-        check_maps(scene, options)
-    ones = np.ones((small_datasets.HEIGHT, small_datasets.WIDTH))
-    for view in range(len(scene)):
-        path = scene.views[view].depth_path
-        np.save(path, np.load(path) / gsut.rendering.z_from_distance(ones, scene.camera(view)))
-    check_maps(scene, options)
+    without_points = scene.replace(points=np.zeros((0, 3)), point_colors=np.zeros((0, 3), np.uint8))
+    for each in (scene, without_points):
+        with pytest.raises(InputError, match=r"as z along the camera's axis.*depth_along"):
+            check_maps(each, options)
+    file = tmp_path / "z" / "transforms.json"
+    file.write_text(json.dumps(json.loads(file.read_text()) | {"depth_along": "z"}))
+    check_maps(gsut.load_dataset(tmp_path / "z"), options)

@@ -63,24 +63,32 @@ _FOREIGN = {
     "cameras.xml": "Metashape's: export the cameras as COLMAP",
     "*.psx": "Metashape's: export the cameras as COLMAP",
     "reconstruction.json": "OpenSfM's: run `opensfm export_colmap`",
-    "cameras.sfm": "Meshroom's: export its cameras as COLMAP",
+    "*.sfm": "Meshroom's: export its cameras as COLMAP",
     "*.mg": "Meshroom's: export its cameras as COLMAP",
     "sfm_data*.json": "OpenMVG's: run openMVG_main_openMVG2Colmap",
-    "bundle.out": "Bundler's: convert it with COLMAP",
+    "bundle*.out": "Bundler's: convert it with COLMAP",
     "*.nvm": "VisualSFM's: export it as COLMAP",
     "*.rcproj": "RealityScan's: export the registration as COLMAP",
     "*.rspj": "RealityScan's: export the registration as COLMAP",
+    "*.rsproj": "RealityScan's: export the registration as COLMAP",
     "*.opf": "Pix4D's: export the cameras as COLMAP",
     "*.p4d": "Pix4D's: export the cameras as COLMAP",
+    "calibrated_cameras.json": "Pix4D's (OPF): export the cameras as COLMAP",
+    "*.ccm": "iTwin Capture's: export the cameras as COLMAP",
+    "database.db": "COLMAP's, without a model: run `colmap mapper`",
+    "*.r3d": "Record3D's with packed depths: export it as EXR + RGB",
+    "*.e57": "a laser scanner's: export the cloud as LAS or PLY",
+    "*.zip": "packed: unpack it and give its folder",
 }
 
 
-def find_foreign_files(folder: Path) -> str:
-    """Names files of other programs' projects, and what to do with them; "" without any."""
+def find_foreign_files(path: Path) -> str:
+    """Names files of other programs' projects, in a folder or given, and what to do with them."""
     found = (
-        f"{path.name} is {whose}"
+        f"{file.name} is {whose}"
         for pattern, whose in _FOREIGN.items()
-        for path in sorted(folder.glob(pattern))[:1]
+        for file in (sorted(path.glob(pattern))[:1] if path.is_dir() else [path])
+        if file.match(pattern)
     )
     return "; ".join(found)
 

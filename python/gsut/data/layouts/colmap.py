@@ -265,7 +265,7 @@ def write_colmap(folder: Path, export: Export) -> list[str]:
 LAYOUTS = (
     Layout(
         "colmap",
-        "cameras and images (.bin or .txt) in sparse/0, sparse or the folder (COLMAP)",
+        "cameras and images (.bin or .txt) in sparse/0, sparse or the folder",
         rank=40,
         holds=lambda path: path.is_dir() and find_model(path) is not None,
         read=lambda path, on_error: read_colmap(path, on_error=on_error),

@@ -31,7 +31,7 @@ LENS_PATTERNS = (
     "*.yaml", "*.yml", "cameras.txt",
 )  # fmt: skip
 POSE_FILES = ("poses.txt", "poses.json", "trajectory.txt", "groundtruth.txt")
-POINT_FILES = ("points3D.ply", "points.ply")
+POINT_FILES = ("points3D.ply", "points.ply", "points.las", "points.laz")
 _LENS_ENDINGS = (".lens.json", ".cameramodel", ".yaml", ".yml", ".json")
 
 

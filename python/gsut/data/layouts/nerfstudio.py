@@ -22,6 +22,7 @@ from gsut.data.layouts._layout import Layout
 from gsut.data.layouts.colmap import find_model, read_points
 from gsut.data.listing import Frame, Listing
 from gsut.data.poses import NANOSECONDS, OPENGL_FROM_OPENCV, average_poses, check_rigid
+from gsut.data.scene import MILLIMETRE, DepthForm
 from gsut.data.write_nerfstudio import write_transforms
 from gsut.files import read_json
 from gsut.lens import Camera
@@ -107,6 +108,7 @@ def _read_frame(
     if middle is None:
         raise DatasetError(where, "there is no 'transform_matrix'", "give its camera-to-world pose")
     nanoseconds = _read_time(frame, "timestamp_ns", NANOSECONDS)
+    is_z = "depth_file_path" not in frame and "depth_path" in frame  # instant-ngp's
     listing.frames.append(
         Frame(
             image_path.relative_to(listing.path).as_posix()
@@ -118,11 +120,12 @@ def _read_frame(
             start,
             end,
             _find_mask(frame, values, listing.path, where),
-            _find_geometry(frame, "depth_file_path", listing),
+            _find_geometry(frame, "depth_path" if is_z else "depth_file_path", listing),
             None if start is None else _read_shutter(values | frame, listing.source),
             _read_time(frame, "timestamp"),
             None if nanoseconds is None else int(nanoseconds),
             _find_geometry(frame, "normal_file_path", listing),
+            depth_form=_read_depth_form(values | frame, is_z, listing),
         )
     )
 
@@ -196,6 +199,19 @@ def _find_geometry(frame: dict, key: str, listing: Listing) -> Path | None:
         return path
     listing.missing_depth.append(str(name))
     return None
+
+
+def _read_depth_form(values: dict, is_z: bool, listing: Listing) -> DepthForm:
+    """Reads how depth files are meant; `values` are those of the file and of a frame."""
+    along = values.get("depth_along", "z" if is_z else "ray")
+    unit = values.get("depth_unit", values.get("integer_depth_scale", MILLIMETRE))
+    if along not in ("z", "ray") or not isinstance(unit, (int, float)) or not 0 < unit < np.inf:
+        raise DatasetError(
+            listing.source, f"'depth_along' is {along!r} and 'depth_unit' {unit!r}",
+            'write "z" or "ray", and the length of a level of a 16-bit picture in world units',
+        )  # fmt: skip
+    confidence = _find_geometry(values, "confidence_file_path", listing)
+    return DepthForm(unit, along == "z", confidence, values.get("least_confidence", 1))
 
 
 def _make_frame_camera(
@@ -307,14 +323,14 @@ def _read_parts(folder: Path, on_error: OnError) -> Listing:
 LAYOUTS = (
     Layout(
         "nerf-synthetic",
-        "transforms_train.json, transforms_test.json (NeRF's synthetic scenes)",
+        "transforms_train.json",
         rank=15,
         holds=lambda path: path.is_dir() and (path / _PARTS["train"]).is_file(),
         read=_read_parts,
     ),
     Layout(
         "nerfstudio",
-        f"{FILE_NAME} (nerfstudio, instant-ngp)",
+        f"{FILE_NAME} (or instant-ngp's)",
         rank=10,
         holds=lambda path: (
             path.suffix.lower() == ".json" if path.is_file() else (path / FILE_NAME).is_file()

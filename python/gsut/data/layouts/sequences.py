@@ -250,7 +250,7 @@ def _read_kitti(calib: Path, name: str, picture: Path) -> Mount:
 
 _KINDS = (
     _Kind(
-        "kitti", "calib.txt and image_0 ... (KITTI odometry)", rank=20,
+        "kitti", "calib.txt and image_0 ...", rank=20,
         inside="sequences/*", cameras=r"image_[0-3]", preferred=("image_2", "image_3"),
         marks=("calib.txt",), times="times.txt", mount=_mount_kitti, poses_of=BODY,
         poses=("../../poses/{}.txt", "poses.txt", "{}.txt", "poses/{}.txt"), points=POINT_FILES,
@@ -265,7 +265,7 @@ _KINDS = (
         poses_of=BODY, points=("pointcloud0/data.ply", *POINT_FILES),
     ),
     _Kind(
-        "tum", "rgb.txt and groundtruth.txt (TUM RGB-D)", rank=50,
+        "tum", "rgb.txt and groundtruth.txt", rank=50,
         marks=("rgb.txt", "associations.txt", "associate.txt", "associated.txt"),
         mount=_mount_tum, poses=_TRAJECTORIES, points=POINT_FILES,
     ),

@@ -5,6 +5,7 @@ from gsut.data.points.ply import (
     NO_COLOR,
     find_usable_points,
     format_points_ply,
+    load_points,
     load_points_ply,
 )
 
@@ -16,5 +17,6 @@ __all__ = [
     "find_usable_points",
     "format_points_ply",
     "has_colors",
+    "load_points",
     "load_points_ply",
 ]

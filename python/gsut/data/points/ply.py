@@ -1,17 +1,29 @@
-"""Point clouds from and to PLY files."""
+"""Point clouds from PLY and LAS files, and to PLY."""
 
 from __future__ import annotations
 
 import os
+from pathlib import Path
 
 import numpy as np
 
 from gsut import _core
 from gsut.bounds import FARTHEST
+from gsut.data.points.las import load_points_las
 
 NO_COLOR = 128  # of points without one
 _AXES = ("x", "y", "z")
 _COLORS = ("red", "green", "blue")
+
+
+def load_points(
+    path: str | os.PathLike[str], notes: list[str] | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Reads a point cloud from a LAS, LAZ or PLY file; see `load_points_ply`."""
+    if Path(path).suffix.lower() not in (".las", ".laz"):
+        return load_points_ply(path, notes)
+    points, colors = load_points_las(path)
+    return points, np.full(points.shape, NO_COLOR, np.uint8) if colors is None else colors
 
 
 def load_points_ply(

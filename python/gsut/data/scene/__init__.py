@@ -1,8 +1,9 @@
 """A dataset in memory: `Scene` and its views, their split, shutter, depths and normals."""
 
+from gsut.data.scene.depth_form import DISTANCES, MILLIMETRE, DepthForm
 from gsut.data.scene.digests import capture_state, describe_changes, digest_scene
 from gsut.data.scene.lines import find_line_times, interpolate_poses, project_points
-from gsut.data.scene.maps import MILLIMETRE, find_bad_maps, read_depth, read_normals
+from gsut.data.scene.maps import find_bad_maps, read_depth, read_normals
 from gsut.data.scene.scene import Scene, View, keep_at_most
 from gsut.data.scene.shutter import order_frames, split_last_number, with_shutter
 from gsut.data.scene.split import TEST_EVERY, choose_inner_views, hold_out_views, split_views
@@ -10,8 +11,10 @@ from gsut.data.scene.training_views import Level, TrainingViews
 from gsut.data.scene.upright import count_lens_turns, find_up, find_upright_poses
 
 __all__ = [
+    "DISTANCES",
     "MILLIMETRE",
     "TEST_EVERY",
+    "DepthForm",
     "Level",
     "Scene",
     "TrainingViews",

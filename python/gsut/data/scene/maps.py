@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import concurrent.futures
+import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -10,10 +11,11 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
+from gsut.data.scene.depth_form import MILLIMETRE, DepthForm
 from gsut.data.scene.scene import Scene
 from gsut.files import Array, read_npy, read_picture, register_reader
 
-MILLIMETRE = 1e-3  # metres of a level of a 16-bit depth picture, as RGB-D cameras write it
+_HALF_PIXEL = 0.5  # the height of smaller depths of the same shape is rounded by this much
 _SHORTEST = 0.5  # length from which three numbers are a normal; shorter ones mean unknown
 
 
@@ -25,15 +27,17 @@ def read_depth(
     Args:
         scene: the dataset.
         view: index of the view.
-        path: the file; None: the one that the dataset names.
-        unit: world units of a level of 16-bit pictures; .npy files hold world units.
+        path: the file; None: the one that the dataset names, in the form that it states.
+        unit: of `path`: world units of a level of 16-bit pictures.
 
     Returns:
-        (H, W) distances at the file's size; None where there is no file.
+        (H, W) distances at the file's size, NaN where the sensor is not sure; None where there is
+        no file.
 
     Raises:
-        InputError: damaged, or neither of the image's size in its file nor of that in the scene.
+        InputError: damaged, or of another shape than the image.
     """
+    form = scene.views[view].depth_form if path is None else DepthForm(unit)
     path = scene.views[view].depth_path if path is None else path
     if path is None or not path.is_file():
         return None
@@ -41,15 +45,26 @@ def read_depth(
         depth = _load_numbers(path)
     else:
         picture = _load_picture(path)
+        if picture is not None and picture.ndim == 3 and path.suffix == ".exr":
+            picture = picture[..., 2]  # red, where there is one channel alone
         if picture is None or picture.ndim != 2:
             raise InputError(f"{path}: no depth picture of one channel")
-        depth = picture * unit
-    sizes = _list_image_sizes(scene, view)
-    if depth.shape not in sizes:
+        depth = picture * (1.0 if path.suffix == ".exr" else form.unit)
+    height, width = _list_image_sizes(scene, view)[1]
+    if depth.ndim != 2 or abs(depth.shape[0] - height * depth.shape[1] / width) > _HALF_PIXEL:
         raise InputError(
-            f"{path} is {' x '.join(map(str, depth.shape[::-1]))}, its image "
-            f"{sizes[1][1]} x {sizes[1][0]}; give depths at the size of the images"
+            f"{path} is {' x '.join(map(str, depth.shape[::-1]))}, its image {width} x {height}; "
+            "give depths of the whole image, at any size"
         )
+    if form.is_z:
+        rays = np.asarray(scene.camera(view).resize(*depth.shape[::-1]).rays()[0])
+        with np.errstate(invalid="ignore", divide="ignore"):
+            depth = depth * (np.linalg.norm(rays, axis=2) / rays[..., 2])
+    if form.confidence_path is not None:
+        sure = _load_picture(form.confidence_path)
+        if sure is None or sure.shape != depth.shape:
+            raise InputError(f"{form.confidence_path}: no picture of the size of {path}")
+        depth = np.where(sure >= form.least_confidence, depth, np.nan)
     return depth
 
 
@@ -118,6 +133,7 @@ def _load_numbers(path: Path) -> np.ndarray:
 def _load_picture(path: Path) -> np.ndarray | None:
     import cv2  # here, because gsut --help needs none
 
+    os.environ.setdefault("OPENCV_IO_ENABLE_OPENEXR", "1")  # it reads no .exr otherwise
     return read_picture(path, cv2.IMREAD_UNCHANGED)
 
 

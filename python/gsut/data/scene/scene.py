@@ -15,6 +15,7 @@ from gsut import _core
 from gsut._core import CameraMotion, InputError, Shutter
 from gsut.data.errors import DatasetError
 from gsut.data.images import decode_scaled, make_lens_mask, read_mask, shrink_both
+from gsut.data.scene.depth_form import DISTANCES, DepthForm
 from gsut.data.scene.lru_cache import LruCache
 from gsut.lens import Camera
 
@@ -37,6 +38,7 @@ class View:
             rolling shutter, or None.
         mask_path: image that is white where pixels are valid, or None.
         depth_path: as the dataset names it, not read here, or None.
+        depth_form: how it is read.
         normal_path: likewise, a map of normals.
         turns: quarter turns clockwise that show the image upright, by EXIF; its pixels, lens and
             pose are as stored.
@@ -58,6 +60,7 @@ class View:
     valid: np.ndarray | None = None
     normal_path: Path | None = None
     turns: int = 0
+    depth_form: DepthForm = DISTANCES
 
     def __post_init__(self) -> None:
         for name in ("camera_from_world", "camera_from_world_start", "camera_from_world_end"):

@@ -11,6 +11,7 @@ import numpy as np
 from gsut._core import InputError
 from gsut.data import Scene
 from gsut.data.points import color_points, has_colors
+from gsut.data.scene import read_depth
 from gsut.gaussians import (
     Gaussians,
     choose_points,
@@ -18,6 +19,7 @@ from gsut.gaussians import (
     seed_in_view,
 )
 from gsut.run import TrainOptions
+from gsut.surface import Cloud, DepthMap
 from gsut.surface.stereo import find_points_by_stereo, measure_coverage
 from gsut.training.first.sky import describe_sky, find_sky
 
@@ -29,6 +31,10 @@ _RANDOM_FAR = 4.0
 _RANDOM_COUNT = 30_000
 # Most points found by stereo: growth places the others where detail is.
 _STEREO_COUNT = 8000
+# Most points at known depths, which cost no search.
+_DEPTH_COUNT = 30_000
+# Most views whose depths are read for them.
+_MOST_DEPTHS = 100
 # Points found by stereo that each of the dataset's, which are more exact, replaces.
 _STEREO_PER_POINT = 2
 # Largest share of the most Gaussians that stereo may take: the others grow where needed.
@@ -56,9 +62,10 @@ def choose_first_gaussians(scene: Scene, options: TrainOptions) -> tuple[Gaussia
     found = _find_points_to_seed(scene, options, 0 if sky is None else len(sky[0]))
     notes = [] if sky is None else [describe_sky(len(sky[0]))]
     if found is not None:
+        where = "at known depths" if _has_depths(scene, options) else "where photographs agree"
         notes.append(
-            f"{len(found[0])} of the first Gaussians lie where neighbouring photographs agree, "
-            f"beside {len(scene.points)} points of the data."
+            f"{len(found[0])} of the first Gaussians lie {where}, beside {len(scene.points)} "
+            "points of the data."
         )
     return seed_first(scene, options, [more for more in (sky, found) if more is not None]), notes
 
@@ -69,11 +76,48 @@ def _find_points_to_seed(scene: Scene, options: TrainOptions, sky: int) -> Color
     o, given = options, len(scene.points)
     if o.init != "auto":
         return None
-    most = min(_STEREO_COUNT, round(_STEREO_SHARE * o.max_gaussians))
+    has_depths = _has_depths(scene, options)
+    most = _DEPTH_COUNT if has_depths else _STEREO_COUNT
+    most = min(most, round(_STEREO_SHARE * o.max_gaussians))
     count = min(most - _STEREO_PER_POINT * given, o.max_gaussians - given - sky)
     if count <= 0 or measure_coverage(scene) >= _COVERED:
         return None
+    if has_depths:
+        return _find_points_by_depth(scene, count, o.seed)
     return find_points_by_stereo(scene, count, o.seed)
+
+
+def _has_depths(scene: Scene, options: TrainOptions) -> bool:
+    """Returns whether depth files of training views are used."""
+    return options.known_depth in ("auto", "files") and any(
+        scene.views[i].depth_path is not None for i in scene.train_indices
+    )
+
+
+def _find_points_by_depth(scene: Scene, most: int, seed: int) -> Colored | None:
+    """Finds points and colours at the depths of training views, one in each voxel."""
+    import cv2
+
+    cloud = Cloud()
+    count = min(len(scene.train_indices), _MOST_DEPTHS)
+    for place in np.linspace(0, len(scene.train_indices) - 1, count).round().astype(int):
+        view = scene.train_indices[place]
+        depth = read_depth(scene, view)
+        if depth is None:
+            continue
+        depth = np.where(depth > 0, depth, np.nan).astype(np.float32)
+        size = depth.shape[::-1]
+        mask = cv2.resize(scene.mask(view).astype(np.uint8), size) > 0
+        depth[~mask] = np.nan
+        image = cv2.resize(scene.image(view), size, interpolation=cv2.INTER_AREA)
+        camera = scene.camera(view).resize(*size)
+        cloud.add(DepthMap(camera, scene.views[view].motion, depth, image=image))
+    if not len(cloud):
+        return None
+    mesh = cloud.to_mesh()
+    rows = choose_points(len(cloud), most, seed)
+    colors = np.round(255 * np.asarray(mesh.colors)[rows]).astype(np.uint8)
+    return mesh.vertices[rows], colors
 
 
 def _find_sky_to_seed(scene: Scene, options: TrainOptions) -> Colored | None:

@@ -14,6 +14,7 @@ from gsut._core import InputError
 from gsut.data import Scene
 from gsut.data.scene import find_bad_maps, project_points, read_depth
 from gsut.run import TrainOptions
+from gsut.surface import Cloud, DepthMap
 
 # A point is hidden if it is this many times as far as the nearest one in its cell of the image:
 # surfaces seen at a slant span less within a cell.
@@ -26,8 +27,10 @@ _LAST = 0.01
 _NEAR_AXIS = 0.97
 # Points that must be seen off the axis before they decide.
 _FEWEST_POINTS = 50
-# Median relative difference to the points below which files agree with them.
+# Median relative difference below which files agree with points, or with each other.
 _AGREES = 0.02
+# Times that difference, above which the other reading is wrong.
+_WORSE = 2.0
 
 
 def anneal(fraction: float) -> float:
@@ -38,43 +41,48 @@ def anneal(fraction: float) -> float:
 def check_maps(scene: Scene, options: TrainOptions) -> None:
     """Raises the InputError of the first depth or normal file that the training would stop at."""
     depth = KnownDepth(scene, options.known_depth).source == "files"
-    for error in find_bad_maps(scene, depth) if options.surface else ():
+    for error in find_bad_maps(scene, depth, options.surface) if depth or options.surface else ():
         raise error
-    if options.surface and depth and has_z_depths(scene):
+    if depth and has_z_depths(scene):
         raise InputError(
-            f"{scene.path}: its depth files agree with its points as z along the camera's axis, "
-            "and gsut reads distances along the ray: divide each by "
-            "gsut.rendering.z_from_distance(ones, camera) and save it as .npy; or leave out "
-            "'depth_file_path' to train with the points"
+            f"{scene.path}: its depth files agree with its points, or with each other, as z along "
+            "the camera's axis, and are read as distances along the ray; write "
+            '"depth_along": "z" into transforms.json'
         )
 
 
 def has_z_depths(scene: Scene) -> bool:
     """Returns whether depth files hold z instead of distances, judged by the scene's points.
 
-    Files agree with the points as z and not as distances, off the axis, where the two differ.
+    Without points, each view's depths are compared with those of the view before. They agree as z
+    and not as distances, off the axis, where the two differ.
     """
-    logs, cosines = [np.zeros(0)], [np.zeros(0)]
+    as_distance, as_z = (_measure_disagreement(scene, is_z) for is_z in (False, True))
+    return as_z < _AGREES and as_z * _WORSE < as_distance
+
+
+def _measure_disagreement(scene: Scene, is_z: bool) -> float:
+    """Returns the median relative error of depth files, read as distances or z; 0 if unknown."""
+    logs, points = [np.zeros(0)], scene.points
     for view in scene.train_indices:
-        depth = read_depth(scene, view) if scene.views[view].depth_path is not None else None
-        if depth is None or not len(scene.points):
+        depth = read_depth(scene, view)
+        if depth is None:
             continue
-        places, distances = _find_visible_points(scene, view)
-        rays = np.asarray(scene.camera(view).rays()[0])
-        columns, rows = (places * rays.shape[1::-1]).astype(np.int64).T
-        ray = rays[rows, columns]
-        columns, rows = (places * depth.shape[::-1]).astype(np.int64).T
+        camera, motion = scene.camera(view).resize(*depth.shape[::-1]), scene.views[view].motion
+        cosine = np.asarray(camera.rays()[0])[..., 2]
         with np.errstate(divide="ignore", invalid="ignore"):
-            cosine = ray[:, 2] / np.linalg.norm(ray, axis=1)
-            log = np.log(depth[rows, columns] / distances)
-        known = np.isfinite(log) & (cosine > 0) & (cosine < _NEAR_AXIS)
-        logs.append(log[known])
-        cosines.append(cosine[known])
-    log, cosine = np.concatenate(logs), np.concatenate(cosines)
-    if len(log) < _FEWEST_POINTS:
-        return False
-    as_distance, as_z = np.median(np.abs(log)), np.median(np.abs(log - np.log(cosine)))
-    return bool(as_z < _AGREES < as_distance)
+            depth = np.where(cosine > 0, depth / (cosine if is_z else 1.0), np.nan)
+            if len(points):
+                places, distances = _find_visible_points(scene, view, points)
+                columns, rows = (places * depth.shape[::-1]).astype(np.int64).T
+                log = np.log(depth[rows, columns] / distances)
+                logs.append(log[np.isfinite(log) & (cosine[rows, columns] < _NEAR_AXIS)])
+        if not len(scene.points):
+            cloud = Cloud()
+            cloud.add(DepthMap(camera, motion, np.where(depth > 0, depth, np.nan)))
+            points = cloud.to_mesh().vertices if len(cloud) else points
+    errors = np.abs(np.concatenate(logs))
+    return float(np.median(errors)) if len(errors) >= _FEWEST_POINTS else 0.0
 
 
 class KnownDepth:
@@ -107,8 +115,10 @@ class KnownDepth:
         if self.source == "off":
             return None
         if view not in self._seen:
-            read = _read_file if self.source == "files" else _find_visible_points
-            self._seen[view] = read(scene, view)
+            self._seen[view] = (
+                _read_file(scene, view) if self.source == "files"
+                else _find_visible_points(scene, view, scene.points)
+            )  # fmt: skip
         places, distances = self._seen[view]
         if not len(distances):
             return None
@@ -133,10 +143,12 @@ def _read_file(scene: Scene, view: int) -> tuple[np.ndarray, np.ndarray]:
     return places, depth[rows, columns]
 
 
-def _find_visible_points(scene: Scene, view: int) -> tuple[np.ndarray, np.ndarray]:
+def _find_visible_points(
+    scene: Scene, view: int, points: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Returns places (n, 2) as shares of the image size and distances (n,), farthest first."""
     camera, motion = scene.camera(view), scene.views[view].motion
-    in_camera, pixels, valid = project_points(camera, motion, scene.points)
+    in_camera, pixels, valid = project_points(camera, motion, points)
     size = np.array([camera.width, camera.height])
     with np.errstate(invalid="ignore"):
         valid = valid & np.all((pixels >= 0) & (pixels < size), axis=1)
