@@ -3,8 +3,10 @@
 #include <cmath>
 #include <limits>
 #include <numeric>
+#include <string>
 #include <vector>
 
+#include "gsut/base/check_arguments.h"
 #include "gsut/base/parallel.h"
 #include "gsut/cameras/camera.h"
 #include "gsut/cameras/visit_lens.h"
@@ -81,6 +83,9 @@ void WithParams(const std::vector<double>& params, std::span<const int> chosen, 
 
 void Camera::Project(std::int64_t count, const double* points, double* pixels,
                      std::uint8_t* valid) const {
+  CheckArray(points, count, "points");
+  CheckArray(pixels, count, "pixels");
+  CheckArray(valid, count, "valid");
   VisitLens(lens(), [&](auto model) {
     ParallelFor(count, kGrain, [&](std::int64_t begin, std::int64_t end) {
       for (std::int64_t i = begin; i < end; ++i) {
@@ -92,6 +97,9 @@ void Camera::Project(std::int64_t count, const double* points, double* pixels,
 
 void Camera::Unproject(std::int64_t count, const double* pixels, double* rays,
                        std::uint8_t* valid) const {
+  CheckArray(pixels, count, "pixels");
+  CheckArray(rays, count, "rays");
+  CheckArray(valid, count, "valid");
   VisitLens(lens(), [&](auto model) {
     using Lens = decltype(model);
     ParallelFor(count, kGrain, [&](std::int64_t begin, std::int64_t end) {
@@ -107,6 +115,10 @@ void Camera::Unproject(std::int64_t count, const double* pixels, double* rays,
 
 void Camera::UnprojectLines(std::int64_t count, const double* pixels, double* origins, double* rays,
                             std::uint8_t* valid) const {
+  CheckArray(pixels, count, "pixels");
+  CheckArray(origins, count, "origins");
+  CheckArray(rays, count, "rays");
+  CheckArray(valid, count, "valid");
   VisitLens(lens(), [&](auto model) {
     using Lens = decltype(model);
     // Lenses with one centre have all origins at 0.
@@ -133,6 +145,11 @@ void Camera::ProjectJacobian(std::int64_t count, const double* points, double* p
                              std::span<const int> chosen) const {
   // Pixels come from the plain projection, so that asking for derivatives does not change a bit.
   Project(count, points, pixels, valid);
+  for (const int param : chosen) {
+    if (param >= 0 && param < num_params()) continue;
+    throw InputError("the lens has no parameter " + std::to_string(param) + "; it has " +
+                     std::to_string(num_params()));
+  }
   const int k = static_cast<int>(chosen.size());
   const int directions = kPointSize + (dpixel_dparams == nullptr ? 0 : k);
   const auto loop = [&](auto model, std::int64_t begin, std::int64_t end) {

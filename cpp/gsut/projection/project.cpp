@@ -7,7 +7,9 @@
 #include <string>
 #include <vector>
 
+#include "gsut/base/check_arguments.h"
 #include "gsut/base/errors.h"
+#include "gsut/gaussians/check_gaussians.h"
 #include "gsut/base/parallel.h"
 #include "gsut/projection/project_kernels.h"
 #include "gsut/projection/unscented_scalar.h"
@@ -58,6 +60,13 @@ void RefineInDouble(const GaussiansView<const float>& gaussians, const Camera& c
   ForEachFootprint(gaussians, camera, camera_from_world, weights, begin, end, replace);
 }
 
+void CheckOutputs(std::int64_t size, const double* means, const double* covariances,
+                  const std::uint8_t* valid) {
+  CheckArray(means, size, "means");
+  CheckArray(covariances, size, "covariances");
+  CheckArray(valid, size, "valid");
+}
+
 }  // namespace
 
 // Julier and Uhlmann (1997) with n = 3 dimensions: points at the mean and at sqrt(n + lambda)
@@ -101,6 +110,8 @@ void Splats::Resize(std::int64_t n) {
 void Project(const GaussiansView<const float>& gaussians, const Camera& camera,
              const Pose& camera_from_world, const UnscentedOptions& options,
              const FootprintRule& rule, Splats* splats) {
+  CheckGaussians(gaussians);
+  CheckGiven(splats, "splats");
   const float max_cutoff = rule.response_min > 0.0
                                ? static_cast<float>(-2.0 * std::log(rule.response_min))
                                : std::numeric_limits<float>::max();
@@ -126,6 +137,8 @@ void Project(const GaussiansView<const float>& gaussians, const Camera& camera,
 void ProjectReference(const GaussiansView<const double>& gaussians, const Camera& camera,
                       const Pose& camera_from_world, const UnscentedOptions& options, double* means,
                       double* covariances, std::uint8_t* valid) {
+  CheckGaussians(gaussians);
+  CheckOutputs(gaussians.size, means, covariances, valid);
   const UnscentedWeights weights = MakeUnscentedWeights(options);
   ParallelFor(gaussians.size, kGrain, [&](std::int64_t begin, std::int64_t end) {
     ForEachFootprint(gaussians, camera, camera_from_world, weights, begin, end,
@@ -139,6 +152,8 @@ void ProjectReference(const GaussiansView<const double>& gaussians, const Camera
 void ProjectEwaReference(const GaussiansView<const double>& gaussians, const Camera& camera,
                          const Pose& camera_from_world, double* means, double* covariances,
                          std::uint8_t* valid) {
+  CheckGaussians(gaussians);
+  CheckOutputs(gaussians.size, means, covariances, valid);
   ParallelFor(gaussians.size, kGrain, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t i = begin; i < end; ++i) {
       const PlacedGaussian<double> g = PlaceInDouble(gaussians, i, camera_from_world);

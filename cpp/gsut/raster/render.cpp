@@ -5,7 +5,9 @@
 #include <cmath>
 #include <limits>
 
+#include "gsut/base/check_arguments.h"
 #include "gsut/base/errors.h"
+#include "gsut/gaussians/check_gaussians.h"
 #include "gsut/base/isa.h"
 #include "gsut/base/parallel.h"
 #include "gsut/gaussians/harmonics.h"
@@ -49,6 +51,10 @@ void CheckRule(const GaussiansView<const float>& gaussians, OrderKey order, bool
 // the tiles, forward blends tile by tile. No stage adds in an order that depends on threads.
 void Renderer::Render(const GaussiansView<const float>& gaussians, const RenderJob& job) {
   rendered_ = along_rays_ = stepped_ = false;
+  CheckGaussians(gaussians);
+  CheckGiven(job.image, "image");
+  if (job.channels.count < 0) throw InputError("the number of channels is below 0");
+  if (job.channels.count > 0) CheckArray(job.channels.values, gaussians.size, "channels");
   const BlendRule rule = rule_ = job.settings.rule.For(gaussians.order);
   const bool along_ray = rule.order == OrderKey::kRay;
   rule.Check();

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <cmath>
 
+#include "gsut/base/check_arguments.h"
 #include "gsut/base/errors.h"
 #include "gsut/base/parallel.h"
 #include "gsut/raster/central/kernels.h"
@@ -101,6 +102,8 @@ void Renderer::BackwardOfTile(int tile, const ImageGradients& to_image, RayGradi
 void Renderer::AddFeatures(const float* map, int count, float* sums) {
   CheckKept(rendered_ && !stepped_,
             "features are lifted after a render, made with keep_for_backward");
+  CheckArray(map, count, "map");
+  CheckArray(sums, task_.gaussians.size, "sums");
   if (lines_ == nullptr) RenderAsLines();
   AddOverTiles(
       frame_, tiles().num_tiles(), count,
@@ -132,6 +135,7 @@ void Renderer::CheckBackward(const ImageGradients& to_image, const GradientRows&
                              bool is_plain) const {
   CheckKept((rendered_ || along_rays_) && !stepped_,
             "backward needs a render before it, made with keep_for_backward");
+  CheckGiven(to_image.image, "gradient to the image");
   if (to_image.HasDepth() && !task_.with_depth) {
     throw InputError("a gradient to depth or distortion needs a render with_depth");
   }

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <vector>
 
+#include "gsut/base/check_arguments.h"
 #include "gsut/base/errors.h"
 #include "gsut/base/parallel.h"
 #include "gsut/gaussians/harmonics.h"
@@ -59,6 +60,8 @@ void Renderer::Jacobian(std::span<const std::uint32_t> pixels, double* by_center
         "derivatives of colours are for a lens with one centre and a global shutter, and for "
         "Gaussians by their maximum; refine the poses of other images through render_backward");
   }
+  CheckArray(by_center, static_cast<std::int64_t>(pixels.size()), "by_center");
+  CheckArray(by_ray, static_cast<std::int64_t>(pixels.size()), "by_ray");
   const std::size_t num_pixels = static_cast<std::size_t>(grid_->width) * grid_->height;
   // Places in `pixels`, tile by tile.
   std::vector<std::uint32_t> first(static_cast<std::size_t>(grid_->num_tiles()) + 1, 0);

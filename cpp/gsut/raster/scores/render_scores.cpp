@@ -5,6 +5,7 @@
 #include <array>
 #include <vector>
 
+#include "gsut/base/check_arguments.h"
 #include "gsut/base/errors.h"
 #include "gsut/gaussians/harmonics.h"
 #include "gsut/raster/render.h"
@@ -82,6 +83,9 @@ WalkScene Renderer::LastScene() const {
 void Renderer::AddSignificance(const std::uint8_t* chosen, double* significance,
                                std::int32_t* winner, float* point) const {
   const WalkScene scene = LastScene();
+  CheckArray(significance, scene.gaussians.size, "significance");
+  CheckGiven(winner, "winner");
+  CheckGiven(point, "point");
   const std::int64_t pixels = std::int64_t{scene.tiles->width} * scene.tiles->height;
   std::fill_n(winner, pixels, -1);
   std::fill_n(point, 3 * pixels, 0.0f);
@@ -108,6 +112,7 @@ void Renderer::AddSignificance(const std::uint8_t* chosen, double* significance,
 // colour, so that what lies behind needs no second list.
 void Renderer::AddFisher(const std::uint8_t* chosen, double* fisher) const {
   const WalkScene scene = LastScene();
+  CheckArray(fisher, scene.gaussians.size, "fisher");
   const bool is_parallel = lines_ != nullptr && lines_->is_parallel;
   const Map<const Vector3d> background(background_);
   const auto tile = [&](int number, double* sums) {
@@ -146,6 +151,8 @@ void Renderer::AddFisher(const std::uint8_t* chosen, double* fisher) const {
 void Renderer::AddSupport(const float* photograph, const std::uint8_t* chosen,
                           double* support) const {
   const WalkScene scene = LastScene();
+  CheckGiven(photograph, "photograph");
+  CheckArray(support, scene.gaussians.size, "support");
   const bool is_parallel = lines_ != nullptr && lines_->is_parallel;
   const Map<const Vector3d> background(background_);
   const auto tile = [&](int number, double* sums) {

@@ -6,8 +6,10 @@
 #include <string>
 #include <vector>
 
+#include "gsut/base/check_arguments.h"
 #include "gsut/base/errors.h"
 #include "gsut/gaussians/activations.h"
+#include "gsut/gaussians/check_gaussians.h"
 #include "gsut/raster/render.h"
 #include "gsut/raster/scores/add_over_tiles.h"
 #include "gsut/raster/scores/tile_walk.h"
@@ -77,6 +79,8 @@ constexpr int kSums = 13;
 
 void Renderer::Rays(float* directions, float* origins) const {
   const WalkScene scene = LastScene();
+  CheckGiven(directions, "directions");
+  CheckGiven(origins, "origins");
   const std::size_t size = std::size_t{3} * scene.tiles->width * scene.tiles->height;
   std::fill_n(directions, size, 0.0f);
   std::fill_n(origins, size, 0.0f);
@@ -133,6 +137,8 @@ void Renderer::SurfaceBackward(const float* dnormals, const GaussiansView<float>
                      "\" have no gradient; with one: gaussian");
   }
   const WalkScene scene = LastScene();
+  CheckGiven(dnormals, "dnormals");
+  CheckGaussians(gradients);
   const auto tile = [&](int number, double* sums) {
     TileWalk walk(scene, number, nullptr);
     const auto to_normal = [&](int offset) {
