@@ -22,6 +22,7 @@ from gsut.run import TrainOptions
 from gsut.surface import Cloud, DepthMap
 from gsut.surface.stereo import find_points_by_stereo, measure_coverage
 from gsut.training.first.sky import describe_sky, find_sky
+from gsut.training.surface import require_distances
 
 # Nearest distance of random first Gaussians from a camera, x scene extent: nearer fills the view.
 _RANDOM_NEAR = 0.05
@@ -98,6 +99,7 @@ def _find_points_by_depth(scene: Scene, most: int, seed: int) -> Colored | None:
     """Finds points and colours at the depths of training views, one in each voxel."""
     import cv2
 
+    require_distances(scene)
     cloud = Cloud()
     count = min(len(scene.train_indices), _MOST_DEPTHS)
     for place in np.linspace(0, len(scene.train_indices) - 1, count).round().astype(int):
