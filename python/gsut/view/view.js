@@ -27,6 +27,8 @@ const LEAST_SIDE = 160;
 const MOVING_QUALITY = 75;
 // Most pixels of a frame, unless it is lossless.
 const MOST_PIXELS = 3e6;
+// Pixels of a frame above which gsut view draws smaller ones beside it.
+const LARGE_FRAME = 1920 * 1080;
 // Field of view in degrees of the pinhole that fills the window.
 const PLAIN_FIELD = 80;
 
@@ -149,7 +151,8 @@ function redraw(moved = true) {
 let resting = Promise.resolve(), interrupt = () => {};
 function drawAtRest(values) { // null as soon as the eye moves; frames at rest are drawn in turn
   const drawn = (resting = resting.catch(() => {}).then(() => (wanted ? null : server.frame(values))));
-  return isSmooth() ? Promise.race([drawn, new Promise((done) => (interrupt = () => done(null)))]) : drawn;
+  const beside = isSmooth() || (server === http && values.width * values.height > LARGE_FRAME);
+  return beside ? Promise.race([drawn, new Promise((done) => (interrupt = () => done(null)))]) : drawn;
 }
 async function frame() {
   busy = true;

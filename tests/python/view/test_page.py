@@ -1,14 +1,16 @@
 """The page in a headless browser: its pixels are the renderer's, its parts work, nothing fails."""
 
 import dataclasses
+import threading
 
 import numpy as np
 import pytest
 
 import gsut
 import small_run
-from browser import browser
+from browser import WAIT_SECONDS, browser
 from gsut.view import Session, ViewServer
+from gsut.view.frames import Frames
 from gsut.view.stage import Stage
 from random_scenes import fisheye, gaussians_in_view, list_models, rng_of
 from tolerances.view import MEASURED
@@ -64,6 +66,28 @@ def test_frame_of_a_moved_eye_is_ordered_from_there(window, scene, gaussians):
         window.read_canvas()[..., :3], gsut.rendering.to_uint8(truth.image)
     )
     window.run("state.lossless = false; redraw();")
+
+
+def test_eye_moves_while_a_large_exact_frame_is_drawn(window, monkeypatch):
+    moved, going = threading.Event(), threading.Event()
+    draw = Frames.draw
+
+    def draw_late(frames, request):
+        if request.is_large:
+            going.set()
+            assert moved.wait(WAIT_SECONDS)
+        return draw(frames, request)
+
+    monkeypatch.setattr(Frames, "draw", draw_late)
+    window.run("state.lossless = true; await makeLens({ model: 'pinhole', fit: [16000, 1000] });")
+    assert going.wait(WAIT_SECONDS)
+    before = int(window.run("return document.body.dataset.frames;"))
+    window.run("look(0.1, 0);")
+    window.wait(f"document.body.dataset.frames > {before}")
+    assert not window.run("return JSON.parse(document.body.dataset.frame).lossless;")
+    moved.set()
+    window.run("state.lossless = false; goTo(1);")
+    window.wait("state.view === 1 && !busy && !wanted")
 
 
 def test_photograph_of_a_phone_held_upright_stands_upright(window, scene, gaussians):

@@ -220,6 +220,28 @@ def test_large_frame_holds_no_small_request(server, stage, monkeypatch):
         assert drawing.result()[0].status == 200
 
 
+def test_film_holds_no_frame(stage, monkeypatch):
+    session, drawn, going = Session(stage), threading.Event(), threading.Event()
+    draw = Frames.draw
+
+    def draw_late(frames, request):
+        if frames is not session.frames:
+            going.set()
+            assert drawn.wait(SECONDS)
+        return draw(frames, request)
+
+    monkeypatch.setattr(Frames, "draw", draw_late)
+    values = make_requests(stage.scene.views[0].camera_from_world)
+    film = session.handle_film(values["film"]).content
+    assert going.wait(SECONDS) and not film["ready"]
+    assert session.draw_frame(values["frame"]).content
+    drawn.set()
+    end = time.monotonic() + SECONDS
+    while not session.handle_film({}).content["ready"]:
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
 def test_lens_file_that_takes_long_is_given_up(server, monkeypatch):
     monkeypatch.setattr("gsut.view.lenses._READ_SECONDS", 0.01)
     reply, data = ask(server, f"/{server.token}/lens", {"name": "a.yaml", "base64": "YTogYg=="})

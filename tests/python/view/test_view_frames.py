@@ -1,6 +1,7 @@
 """Frames: the renderer's own pixels, and what is drawn over and made of them."""
 
 import base64
+import concurrent.futures
 import dataclasses
 import json
 import time
@@ -95,6 +96,24 @@ def test_a_frame_coarser_than_the_photographs_is_filtered_once_it_rests(session,
     moving = session.frames.draw(session._request(wanted(scene, **small, quality=75)))
     assert np.abs(still.image.astype(int) - shown[0]).max() <= 1
     assert np.abs(moving.image.astype(int) - shown[1]).max() <= 1
+
+
+@pytest.mark.threads
+def test_small_and_large_frames_at_once_have_the_bits_of_each_alone(session, scene, monkeypatch):
+    monkeypatch.setattr("gsut.view.frame_request._LARGE_PIXELS", SIZE * SIZE)
+    box = [[-9, -9, -9], [9, 9, 0.5]]
+    asked = [
+        wanted(scene, row % 6, width=side, height=side, **more)
+        for row in range(12)
+        for more in ({"share": 0.5}, {"crop": box, "mode": "distance"}, {"layers": ["domain"]})
+        for side in (SIZE, 2 * SIZE)
+    ]  # fmt: skip
+    alone = [session.draw_frame(values).content for values in asked]
+    fresh = Session(session.stage)
+    with concurrent.futures.ThreadPoolExecutor(4) as pool:
+        at_once = list(pool.map(lambda values: fresh.draw_frame(values).content, asked))
+    assert len(asked) == 72 and len(set(alone)) > 30
+    assert at_once == alone
 
 
 def drawn(session, scene, index=0, **changes):
