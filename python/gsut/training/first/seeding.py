@@ -22,7 +22,6 @@ from gsut.run import TrainOptions
 from gsut.surface import Cloud, DepthMap
 from gsut.surface.stereo import find_points_by_stereo, measure_coverage
 from gsut.training.first.sky import describe_sky, find_sky
-from gsut.training.surface import require_distances
 
 # Nearest distance of random first Gaussians from a camera, x scene extent: nearer fills the view.
 _RANDOM_NEAR = 0.05
@@ -89,17 +88,16 @@ def _find_points_to_seed(scene: Scene, options: TrainOptions, sky: int) -> Color
 
 
 def _has_depths(scene: Scene, options: TrainOptions) -> bool:
-    """Returns whether depth files of training views are used."""
-    return options.known_depth in ("auto", "files") and any(
-        scene.views[i].depth_path is not None for i in scene.train_indices
-    )
+    """Returns whether training starts at the depth files of training views, as it has no points."""
+    if len(scene.points) or options.known_depth not in ("auto", "files"):
+        return False
+    return any(scene.views[i].depth_path is not None for i in scene.train_indices)
 
 
 def _find_points_by_depth(scene: Scene, most: int, seed: int) -> Colored | None:
     """Finds points and colours at the depths of training views, one in each voxel."""
     import cv2
 
-    require_distances(scene)
     cloud = Cloud()
     count = min(len(scene.train_indices), _MOST_DEPTHS)
     for place in np.linspace(0, len(scene.train_indices) - 1, count).round().astype(int):

@@ -1,6 +1,6 @@
 """The terms that `--surface` adds to the loss, and the distances and normals that they may use."""
 
-from gsut.training.surface.known_depth import check_maps, require_distances
+from gsut.training.surface.known_depth import check_maps
 from gsut.training.surface.surface_terms import SurfaceTerms, SurfaceWeights
 
-__all__ = ["SurfaceTerms", "SurfaceWeights", "check_maps", "require_distances"]
+__all__ = ["SurfaceTerms", "SurfaceWeights", "check_maps"]

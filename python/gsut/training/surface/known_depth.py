@@ -40,10 +40,10 @@ def anneal(fraction: float) -> float:
 
 def check_maps(scene: Scene, options: TrainOptions) -> None:
     """Raises the InputError of the first depth or normal file that the training would stop at."""
-    if not options.surface:
+    if not options.surface and len(scene.points):
         return
     depth = KnownDepth(scene, options.known_depth).source == "files"
-    for error in find_bad_maps(scene, depth):
+    for error in find_bad_maps(scene, depth, options.surface):
         raise error
     if depth:
         require_distances(scene)
