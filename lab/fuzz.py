@@ -178,11 +178,27 @@ def fuzz(folder: Path, seconds: float, seed: int, rounds: int | None = None) -> 
     return len(targets), count
 
 
+def print_readers() -> None:
+    """Prints a row for each registered reader: format, endings, place in the code, example."""
+    import_all(gsut)
+    import_all(calib)
+    print("| format | files | reader | damaged |\n|---|---|---|---|")
+    for reader in sorted(list_readers(), key=lambda reader: reader.name.lower()):
+        endings, place = " ".join(reader.endings), f"{reader.module}.{reader.function}"
+        print(
+            f"| {reader.name} | {endings} | {place} | {'' if reader.name in WITHOUT else 'yes'} |"
+        )
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(prog="lab/run fuzz", description=__doc__)
     parser.add_argument("seconds", nargs="?", type=float, default=60.0)
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--list", action="store_true", help="print the readers and their files")
     arguments = parser.parse_args()
+    if arguments.list:
+        print_readers()
+        return 0
     if importlib.util.find_spec("resource"):
         import resource
 

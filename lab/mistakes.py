@@ -355,6 +355,42 @@ def _one_far_away(values: Values, folder: Path) -> None:
             frames[len(frames) // 2][key] = m.tolist()
 
 
+def _one_turned(values: Values, _: Path) -> bool:
+    """The pose in the middle is turned by 30 degrees about the camera's vertical axis."""
+    frames = sorted(values["frames"], key=lambda frame: frame["file_path"])
+    turn = np.eye(4)
+    turn[:3, :3] = cv2.Rodrigues(np.radians([0.0, 30.0, 0.0]))[0]
+    for key in _KEYS:
+        if key in frames[len(frames) // 2]:
+            m = np.array(frames[len(frames) // 2][key], np.float64)
+            frames[len(frames) // 2][key] = (m @ turn).tolist()
+    return len(frames) > _FEWEST_OF_A_TURN
+
+
+def _depths(change: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> Callable:
+    """Writes true depths, changed; `change` gets distances and cosines to the axis."""
+
+    def make(values: Values, folder: Path) -> bool:
+        depths = (folder / "images").resolve().parent / "depth"
+        if not depths.is_dir():
+            return False
+        camera = gsut.load_dataset(write(values, folder, True)).cameras[0]
+        rays = np.array(camera.rays()[0], np.float64)
+        cosine = rays[..., 2] / np.linalg.norm(rays, axis=-1)
+        for frame in values["frames"]:
+            stem = Path(frame["file_path"]).stem
+            levels = cv2.imread(str(depths / f"{stem}.png"), cv2.IMREAD_UNCHANGED)
+            farthest = float((depths / f"{stem}.txt").read_text("utf-8"))
+            with np.errstate(divide="ignore", invalid="ignore"):
+                distance = np.where(levels > 0, levels * (farthest / 60_000), np.nan)
+                np.save(folder / f"{stem}.npy", change(distance, cosine))
+            frame["depth_file_path"] = f"{stem}.npy"
+        return True
+
+    return make
+
+
+_FEWEST_OF_A_TURN = 8  # views: with fewer the neighbours of one are not neighbours
 _SWAP = np.eye(3)[[0, 2, 1]]
 _DISTORTED = 1e-3  # coefficient from which its place matters
 _TILT = np.eye(4)
@@ -400,6 +436,14 @@ MISTAKES: tuple[Mistake, ...] = (
             _turn_steps, path=True),
     Mistake("one pose far away", ("stands farther from", "contradict all"), _one_far_away,
             path=True),
+    Mistake("one pose turned by 30 degrees", ("contradict all", "disagree with the points"),
+            _one_turned, path=True),
+    Mistake("positions times 10,000", ("multiplied by 1e+04", "multiply the points by"),
+            _each_pose(_scaled_positions(1e4)), needs_points=True),
+    Mistake("depths in millimetres", ("along the rays times 1e+03",),
+            _depths(lambda d, _: 1e3 * d), needs_points=True),
+    Mistake("depths as z", ("as z along",), _depths(lambda d, c: d * c), needs_points=True),
+    Mistake("depths inverse", ("the inverse of",), _depths(lambda d, _: 1 / d), needs_points=True),
     Mistake("positions in millimetres", ("millimetres",),
             _each_pose(_scaled_positions(1e3)),
             needs_points=True),

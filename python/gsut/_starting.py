@@ -1,4 +1,4 @@
-"""While the command line imports, Ctrl-C ends it at once and silently: nothing has started.
+"""While the command line imports, Ctrl-C ends it at once with one line: nothing has started.
 
 An exception in the midst of an import would be a traceback, or another error of the library that is
 being imported. What cannot be imported, for lack of memory for example, is reported
@@ -8,19 +8,46 @@ A command lets numpy's linear algebra use one thread: with several, its sums are
 and a result would depend on the number of processors. What is large has threads of gsut's own.
 """
 
+from __future__ import annotations
+
+# Built in: importing `signal` takes long enough to be interrupted.
+import _signal  # type: ignore[import-not-found]
 import os
-import signal
 import sys
-import threading
-from pathlib import Path
-from typing import Any
+
+TYPE_CHECKING = False  # as in `typing`, which takes long to import too
+if TYPE_CHECKING:
+    from types import TracebackType
+
+_EXIT_INTERRUPTED = 130  # as shells report Ctrl-C
 
 
 def _is_command() -> bool:
     """Returns whether this process runs `gsut` or `python -m gsut`."""
     if sys.argv[:1] == ["-m"]:  # as long as Python looks for the module
         return sys.orig_argv[sys.orig_argv.index("-m") + 1 :][:1] == ["gsut"]
-    return Path(sys.argv[0] if sys.argv else "").stem == "gsut"
+    name = os.path.basename(sys.argv[0] if sys.argv else "")
+    return os.path.splitext(name)[0] == "gsut"
+
+
+def _end_command(*_: object) -> None:
+    """Ends the process without an exception, which an import could turn into another."""
+    os.write(2, b"gsut: interrupted; nothing was started\n")
+    os._exit(_EXIT_INTERRUPTED)
+
+
+def _wait_for_start() -> bool:
+    """Lets Ctrl-C end the command; returns False where it is no command or Ctrl-C is ignored."""
+    if not _is_command() or _signal.getsignal(_signal.SIGINT) is not _signal.default_int_handler:
+        return False
+    try:
+        _signal.signal(_signal.SIGINT, _end_command)
+    except ValueError:  # not the main thread
+        return False
+    return True
+
+
+_waits = _wait_for_start()
 
 
 def finish_start() -> None:
@@ -29,19 +56,12 @@ def finish_start() -> None:
     sys.excepthook = sys.__excepthook__
     if _waits:
         _waits = False
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        _signal.signal(_signal.SIGINT, _signal.default_int_handler)
 
 
-_waits = (
-    _is_command()
-    and threading.current_thread() is threading.main_thread()
-    and signal.getsignal(signal.SIGINT) is signal.default_int_handler  # not where it is ignored
-)
-if _waits:
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-
-
-def _report_error(kind: type[BaseException], error: BaseException, trace: Any) -> None:
+def _report_error(
+    kind: type[BaseException], error: BaseException, trace: TracebackType | None
+) -> None:
     """Ends the command at an unknown GSUT_ISA or a library that is missing or lacks memory."""
     if not isinstance(error, (ImportError, OSError, MemoryError)):
         return sys.__excepthook__(kind, error, trace)

@@ -15,7 +15,8 @@ import numpy as np
 from gsut._core import InputError, exp_pose
 from gsut.metrics import psnr
 from gsut.render import render, to_uint8
-from gsut.view import LOOPBACK, Session, ViewServer
+from gsut.view import Session, ViewServer
+from gsut.view.server import LOOPBACK
 from gsut.view.stage import Stage
 from tests.bench.harness import WRONG, Benchmark, Column, Option, Row, Settings
 from tests.bench.scenes import BenchScene, scene_from_arrays

@@ -287,7 +287,8 @@ EXAMPLES: dict[str, Make] = {
     ),
     "splat": write_by("s.splat", write_scene, formats.load_gaussians),
 }  # fmt: skip
-# Of a library that may take minutes over its own damaged files; of a package that few install.
+# Of a library that may take minutes over its own damaged files; of one file, whose digest is
+# checked before anything of it is parsed.
 WITHOUT = {"USD", "weights of learned features"}
 
 

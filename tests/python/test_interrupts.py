@@ -120,13 +120,14 @@ sys.meta_path.insert(0, Interrupt())
 """
 
 
-def test_interrupt_during_imports_of_the_command_is_quiet(tmp_path):
+def test_interrupt_during_imports_of_the_command_is_one_line(tmp_path):
     (tmp_path / "sitecustomize.py").write_text(INTERRUPTED)
     done = subprocess.run(
         [sys.executable, "-m", "gsut", "--help"], capture_output=True, check=False,
         env=os.environ | {"PYTHONPATH": str(tmp_path)},
     )  # fmt: skip
-    assert (done.returncode, done.stdout, done.stderr) == (-signal.SIGINT, b"", b"")
+    said = b"gsut: interrupted; nothing was started\n"
+    assert (done.returncode, done.stdout, done.stderr) == (EXIT_INTERRUPTED, b"", said)
 
 
 def test_interrupt_of_a_command_says_what_is_kept(tmp_path, monkeypatch, capsys):

@@ -179,17 +179,35 @@ class Evidence:
         """Returns the mean of `find_shares`."""
         return float(np.mean(self.find_shares(data)))
 
-    def triangulate(self) -> np.ndarray:
-        """Returns the points (N, 3) of matches that fit the given dataset, in the world."""
+    @functools.cached_property
+    def _triangulated(self) -> tuple[np.ndarray, np.ndarray]:
+        """Computes distances (2, M) from both cameras, and (M,) whether a match shows them."""
         rays, density = self._rays_of_data
-        moments = self.moments if self.given.poses.shape[1] > 1 else 0
-        poses = self.given.poses[self.views, moments]
-        distance, sine = triangulate_distances(rays, poses)
+        distance, sine = triangulate_distances(rays, self._poses)
         tolerance = 2 * self.noise
         good = self.measure_errors(self.given)[: len(self)] < tolerance
-        good &= (sine * density[0] > _PARALLAX * tolerance) & np.isfinite(distance[0])
-        away = np.einsum("mij,mj->mi", poses[0, good, :3, :3], rays[0, good])
-        return poses[0, good, :3, 3] + distance[0, good, None] * away
+        good &= (sine * density[0] > _PARALLAX * tolerance) & np.isfinite(distance).all(axis=0)
+        return distance, good
+
+    @property
+    def _poses(self) -> np.ndarray:
+        """Returns the given poses (2, M, 4, 4) of the matches."""
+        return self.given.poses[self.views, self.moments if self.given.poses.shape[1] > 1 else 0]
+
+    def triangulate(self) -> np.ndarray:
+        """Returns the points (N, 3) of matches that fit the given dataset, in the world."""
+        (distance, good), poses = self._triangulated, self._poses[0]
+        away = np.einsum("mij,mj->mi", poses[good, :3, :3], self._rays_of_data[0][0, good])
+        return poses[good, :3, 3] + distance[0, good, None] * away
+
+    def measure_distances(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Returns view (N,), pixel (N, 2) and distance (N,) of both images of these matches."""
+        distance, good = self._triangulated
+        return (
+            self.views[:, good].ravel(),
+            self.pixels[:, good].reshape(-1, 2),
+            distance[:, good].ravel(),
+        )
 
     def make_finding(
         self, severity: str, what: str, advice: str = "", subject: str = ""

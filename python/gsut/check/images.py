@@ -24,6 +24,8 @@ _DARKEST = 2  # grey level up to which a pixel counts as black; JPEG turns 0 int
 _REPEATED = 0.3  # grey levels RMS between the thumbnails of two copies of a picture
 _BITS_TESTED = 4  # pictures: if all of them have small values, so have the others
 _SURELY_BITS = 12  # of 16: a photograph this dark, a 16th of the range, was not meant to be
+_NOISE = 2.0  # grey levels between neighbouring pixels of an even surface
+_NO_SEAM = 4.0  # differences across the edges over those beside them; 1 in panoramas
 _MASKED_MOST = 0.9  # share of masked pixels from which a mask may be inverted
 
 
@@ -62,6 +64,31 @@ def check_bits(scene: Scene) -> Iterator[Finding]:
         f"{bits} bits?",
         f"multiply their values by {2 ** (16 - bits)}, or write them with 8 bits",
     )
+
+
+def check_seams(scene: Scene) -> Iterator[Finding]:
+    """Checks whether the left and right edges of panoramas meet; decodes some of them."""
+    views = [k for k in range(len(scene)) if scene.camera(k).model == "equirectangular"]
+    step = -(-len(views) // _BITS_TESTED) or 1
+    ratios = []
+    for view in views[::step]:
+        try:
+            pixels, mask = scene.image(view).astype(np.float32), scene.mask(view)
+        except InputError:  # reported by the other checks
+            continue
+        rows = mask[:, [0, 1, -2, -1]].all(axis=1)
+        first, second, before, last = (pixels[rows, column] for column in (0, 1, -2, -1))
+        if rows.any():
+            beside = np.abs(first - second).mean() + np.abs(last - before).mean()
+            ratios.append(float(np.abs(first - last).mean() / (beside + _NOISE)))
+    if ratios and np.median(ratios) > _NO_SEAM:
+        yield Finding(
+            "warning",
+            str(scene.path),
+            "the left and right edges of the pictures do not meet, as those of 360-degree "
+            f"panoramas do: they differ {np.median(ratios):.1f} times as much as their neighbours",
+            "equirectangular pictures see 360 x 180 degrees: name the lens that took these",
+        )
 
 
 def check_images(scene: Scene, *, progress: bool = True) -> Iterator[Finding]:

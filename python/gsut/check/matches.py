@@ -96,20 +96,22 @@ def choose_pairs(scene: Scene) -> list[tuple[int, int]]:
     groups = order_in_time(scene)
     total = sum(len(group) for group in groups)
     centers = np.array([view.camera_center for view in scene.views])
+    turns = np.array([view.camera_from_world[:3, :3] for view in scene.views])
     pairs = []
     for group in groups:
         anchors = max(1, round(_ANCHORS * len(group) / total))
         even = np.linspace(0, len(group) - 2, anchors).astype(int)
-        for place in np.unique([*even, *_find_jumps(centers[group])]):
+        moved = np.linalg.norm(np.diff(centers[group], axis=0), axis=1)
+        turned = np.linalg.norm(np.diff(turns[group], axis=0), axis=(1, 2))
+        for place in np.unique([*even, *_find_jumps(moved), *_find_jumps(turned)]):
             for one, two in _STEPS:
                 if place >= 0 and place + two < len(group):
                     pairs.append((group[place + one], group[place + two]))
     return list(dict.fromkeys(pairs))
 
 
-def _find_jumps(centers: np.ndarray) -> list[int]:
+def _find_jumps(steps: np.ndarray) -> list[int]:
     """Lists the places before those where the steps of a path change most: poses may not fit."""
-    steps = np.linalg.norm(np.diff(centers, axis=0), axis=1)
     least = _STAND * float(np.median(steps)) if len(steps) else 0.0
     steps = np.log(np.maximum(steps, max(least, 1e-300)))
     return np.argsort(-np.abs(np.diff(steps)), kind="stable")[:_JUMPS].tolist()

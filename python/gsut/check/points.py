@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from gsut.check.colors import EXPECTED_R, correlate_colors
@@ -18,6 +20,8 @@ _UNITS = {  # points' unit over the poses' -> names of both
     100.0: ("centimetres", "metres"),
     1e3: ("millimetres", "metres"),
 }
+_NEAR_SCALES = 2.0 ** np.linspace(-2, 2, 17)  # times the ratio of spreads, which is inexact
+_OTHER_SCALE = 30.0  # ratio of spreads that points far behind what matches show do not reach
 _NEAR_UNIT = 2.5  # factor within which a ratio of distances counts as the ratio of two units
 _COLOR_GAIN = 0.2  # correlation that another unit, or other axes, must gain
 _VIEWS = 5  # whose colours are compared: enough for a median
@@ -51,7 +55,8 @@ def check_points_frame(scene: Scene, evidence: Evidence | None) -> list[Finding]
         elif ratio is not None and 1 / _NEAR_UNIT < ratio / unit < _NEAR_UNIT:
             seen = f"the points spread {ratio:.3g} times as far as the things that the photographs"
             return [_name_unit(where, unit, f"{seen} show")]
-    return [] if colors is None else _try_other_axes(colors, where)
+    found = [] if colors is None else _try_other_axes(colors, where)
+    return found or _try_other_scales(colors, ratio, where)
 
 
 def _name_unit(where: str, unit: float, seen: str) -> Finding:
@@ -110,6 +115,25 @@ def _try_other_axes(colors: _PointColors, where: str) -> list[Finding]:
             f"write the points' coordinates as {text}: they are in other axes than the poses",
         )
     ]
+
+
+def _try_other_scales(
+    colors: _PointColors | None, ratio: float | None, where: str
+) -> list[Finding]:
+    """Tries scales that are no unit's, about that of the matches; without these says nothing."""
+    if ratio is None or 1 / _OTHER_SCALE < ratio < _OTHER_SCALE:
+        return []
+    severity, scale = "warning", ratio
+    what = f"the points spread {ratio:.3g} times as far as the things that the photographs show"
+    if colors is not None:
+        scales = [10.0 ** round(math.log10(ratio)), *(ratio * _NEAR_SCALES)]
+        value, found = max((colors.correlate(np.eye(3) / each), each) for each in scales)
+        if value >= max(EXPECTED_R, colors.given + _COLOR_GAIN):
+            severity, scale = "error", found
+            what += f", and their colours agree at r = {value:.2f} if they are multiplied by "
+            what += f"{1 / scale:.3g}, as they are at {colors.given:.2f}"
+    advice = f"multiply the points by {1 / scale:.3g}, or scale the poses' positions: both must be "
+    return [Finding(severity, where, what, f"{advice}of one model")]
 
 
 def _name_axes(axes: np.ndarray) -> str:

@@ -54,10 +54,10 @@ def parse_address(text: str) -> tuple[str, int]:
 
 def open_server(routes: dict[str, Any], arguments: argparse.Namespace, file: TextIO) -> Any:
     """Serves a page, prints its address, and opens it unless the flags of `add_serve` refuse."""
-    from gsut.view import LOOPBACK, ViewServer
+    from gsut.view import ViewServer
 
     address = arguments.serve
-    server = ViewServer(routes, *(address or (LOOPBACK, 0)))
+    server = ViewServer(routes, *(address or ()))
     print(f"gsut view: {server.address} (Ctrl-C ends it)", file=file, flush=True)
     if address is None and not arguments.no_open and has_display():
         webbrowser.open(server.address)

@@ -2,12 +2,11 @@
 
 from gsut.view.live_scene import LiveScene
 from gsut.view.measure import find_point_in_photograph
-from gsut.view.server import LOOPBACK, ViewServer
+from gsut.view.server import ViewServer
 from gsut.view.session import Session
 from gsut.view.stage import open_stage
 
 __all__ = [
-    "LOOPBACK",
     "LiveScene",
     "Session",
     "ViewServer",

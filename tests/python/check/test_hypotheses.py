@@ -146,6 +146,15 @@ def test_exact_poses_and_lens_are_not_accused(walk, rng):
         assert say(poses, observe(poses, rng, readout)) == []
 
 
+def test_one_turned_pose_of_a_long_walk_is_named(rng):
+    poses, view = make_walk(48), 20
+    pixels = observe(poses, rng)
+    turned = poses.copy()
+    turned[view] = turned[view] @ gsut.exp_pose([0, 0, 0, 0, np.radians(30), 0])
+    (said,) = say(turned, pixels)
+    assert "000020 contradict" in said.what, said
+
+
 @pytest.mark.parametrize("name", POSES)
 def test_poses_that_were_misread_are_named(name, walk):
     change, words = POSES[name]

@@ -54,6 +54,17 @@ def test_doctor_says_that_the_photographs_agree(hall):
     assert any("the photographs agree with poses and lens" in f.what for f in found)
 
 
+def test_poses_of_another_scale_than_the_points_are_named(hall, tmp_path):
+    values = copy_of(hall, tmp_path / "data")
+    for frame in values["frames"]:
+        matrix = np.array(frame["transform_matrix"])
+        matrix[:3, 3] *= 1e4
+        frame["transform_matrix"] = matrix.tolist()
+    found = check_scene(gsut.load_dataset(write(values, tmp_path / "data", with_points=True)))
+    said = [str(each) for each in found if each.severity == "error"]
+    assert len(said) == 1 and "multiply the points by 1e+04" in said[0], found
+
+
 def test_photographs_without_features_say_nothing(tmp_path, rng):
     from rendered_dataset import write_dataset
 

@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 
+import gsut
 import tolerances
 from gsut import _core
 from gsut.sfm.solution.result import Solution
@@ -16,9 +17,10 @@ SCALE = 7.0  # metres in a unit of the world
 ORIGIN = (47.37, 8.54, 430.0)
 NORTH = 111_180.0  # metres in a degree of latitude there
 EAST = 75_540.0  # of longitude
+PANORAMA = gsut.Camera("equirectangular", [], 400, 200)
 
 
-def make_walk(rng, size=30.0, roll=3.0, heading=300.0):
+def make_walk(rng, size=30.0, roll=3.0, heading=300.0, pitch=0.2):
     """A walk of level cameras in a world turned anyhow, and its centres: east, up, north (m)."""
     share = np.linspace(0, 1, COUNT)
     east = size * (np.cos(4 * share) + 0.3 * share)
@@ -30,7 +32,7 @@ def make_walk(rng, size=30.0, roll=3.0, heading=300.0):
         # East, down, north: x right, y down, z forward.
         angle = math.radians(heading * share[i])
         level = _core.exp_pose([0, 0, 0, 0, angle, 0])[:3, :3]
-        held = _core.exp_pose([0, 0, 0, 0.2, 0, math.radians(roll) * rng.standard_normal()])
+        held = _core.exp_pose([0, 0, 0, pitch, 0, math.radians(roll) * rng.standard_normal()])
         rotation = held[:3, :3] @ level @ turn.T
         center = turn @ (truth[i] * [1, -1, 1]) / SCALE + [3, -5, 2]
         poses[i, :3, :3], poses[i, :3, 3] = rotation, -rotation @ center
@@ -127,6 +129,27 @@ def test_straight_flight_takes_up_from_its_slope_and_level_cameras(along_view):
         assert down[1] > math.cos(math.radians(4))
     else:
         assert "which way is up" in earth.notes[0] or earth.figures["up"] == "by the cameras"
+
+
+def test_panoramas_of_one_direction_are_level_and_gps_takes_up_from_them():
+    rng = np.random.default_rng(8)
+    solution, truth = make_walk(rng, heading=10.0, roll=2.0, pitch=0.01)
+    for cameras, is_level in (([], False), ([PANORAMA], True)):
+        found = dataclasses.replace(solution, cameras=cameras)
+        assert (
+            find_earth(found, upright(solution), {}).figures["up"] == "by the cameras"
+        ) == is_level
+        earth = find_earth(found, upright(solution), gps(0.02 * truth, rng, 0.02))
+        down = earth.rotation @ _core.exp_pose([0, 0, 0, 0.7, -1.1, 0.4])[:3, :3] @ [0, 1, 0]
+        assert (down[1] > math.cos(math.radians(2))) or not is_level
+
+
+def test_few_panoramas_are_level_and_few_pictures_show_nothing():
+    solution, _ = make_walk(np.random.default_rng(9), roll=2.0, pitch=0.01)
+    few = dict.fromkeys(solution.names[:4], 1)
+    assert find_earth(solution, few, {}) is None
+    found = dataclasses.replace(solution, cameras=[PANORAMA])
+    assert find_earth(found, few, {}).figures["up"] == "by the cameras"
 
 
 def test_one_place_for_all_images_says_nothing():

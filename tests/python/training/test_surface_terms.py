@@ -235,6 +235,26 @@ def test_training_for_surfaces_flattens(scene):
     assert flatness[0] < flatness[1] - 0.05
 
 
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda depth: depth, ""),
+        (lambda depth: 1000 * depth, "as distances along the rays times 1e+03"),
+        (lambda depth: 5 / depth, "as the inverse of distances times 5"),
+        (lambda depth: np.exp(7 * np.random.default_rng(0).random(depth.shape)), "do not agree"),
+    ],
+)
+def test_doctor_and_training_name_the_unit_of_depths(change, words, tmp_path):
+    scene = write_depths(tmp_path, False)
+    for each in scene.views:
+        np.save(each.depth_path, change(np.load(each.depth_path)))
+    said = [each.what for each in gsut.doctor(scene) if "depth files" in each.what]
+    assert len(said) == (words != "") and words in "".join(said), said
+    if words:
+        with pytest.raises(InputError, match=r"depth files.*poses' unit"):
+            check_maps(scene, gsut.TrainOptions(surface=True))
+
+
 def write_depths(folder, as_z: bool):
     """Writes the plane's depths as .npy, along the rays or as z, beside its points."""
     values = small_datasets.transforms()

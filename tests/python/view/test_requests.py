@@ -12,9 +12,10 @@ import pytest
 from test_server import ask, sentence
 
 import small_run
-from gsut.view import LOOPBACK, Session, ViewServer
+from gsut.view import Session, ViewServer
 from gsut.view import server as server_module
 from gsut.view.frames import Frames
+from gsut.view.server import LOOPBACK
 from gsut.view.stage import Stage
 from random_scenes import gaussians_in_view, rng_of
 

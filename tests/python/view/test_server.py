@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 import gsut
-from gsut.view import LOOPBACK, Session, ViewServer, open_stage
-from gsut.view.server import _is_own_name
+from gsut.view import Session, ViewServer, open_stage
+from gsut.view.server import LOOPBACK, _is_own_name
 from random_scenes import fisheye, gaussians_in_view, rng_of
 
 END_SECONDS = 1.0  # after Ctrl-C

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
@@ -16,6 +16,10 @@ _LEAST_AREA = 1e-3  # of the picture: smaller marks cost little
 # of them agree about the patch that all agree in.
 _RING = 0.015
 _CALM = 0.35
+_BLACK = 16  # grey levels: what a lens' circle and bars leave dark, with noise
+# Share of the ring, over all pictures, in the patch's colour beyond which that is a background:
+# beside a lens' circle and bars it is at most 0.09, in dark rooms too.
+_GOES_ON = 0.15
 _MOST_FIXED = 0.8  # of the picture: beyond that the camera stood still
 _FILLED = 0.25  # area of a hole, such as a clock's digits, over that of the patch around it
 
@@ -37,29 +41,56 @@ def describe_fixed_pixels(share: float) -> str:
 def find_fixed_pixels(pictures: np.ndarray) -> np.ndarray:
     """Returns (H, W) bool, True for patches that are alike in all pictures (N, H, W, 3) uint8.
 
-    A patch ends at the same pixels in all pictures: right beside it most of them differ.
+    A patch ends at the same pixels in all pictures: right beside it most of them differ. Beside
+    black that takes all corners it suffices that most are bright, as before a plain wall.
     """
-    import cv2
-
     middle = np.median(pictures, axis=0)
     apart = np.abs(pictures - middle).max(axis=3)
     alike = (apart.max(axis=0) <= _SAME).astype(np.uint8)
     mostly = np.median(apart, axis=0) <= _SAME
-    width = max(2, round(_RING * np.hypot(*alike.shape)))
+    is_bright = middle.max(axis=2) > _BLACK + _SAME
+    fixed = np.zeros(alike.shape, bool)
+    for patch, ring in _list_patches(alike):
+        if mostly[ring].mean() < _CALM and not _is_background(pictures, patch, ring):
+            fixed |= patch
+    dark = alike & (middle.max(axis=2) <= _BLACK)
+    if _take_corners(dark).all():  # as about a circle and beside bars
+        for patch, ring in _list_patches(dark):
+            is_step = is_bright[ring].mean() > 1 - _CALM
+            if _take_corners(patch).any() and is_step and not _is_background(pictures, patch, ring):
+                fixed |= patch
+    return fixed if fixed.mean() < _MOST_FIXED else np.zeros_like(fixed)
+
+
+def _list_patches(pixels: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    """Lists the connected patches of pixels (H, W), and the ring about each, both (H, W) bool."""
+    import cv2
+
+    width = max(2, round(_RING * np.hypot(*pixels.shape)))
     disk = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (2 * width + 1, 2 * width + 1))
     edge = cv2.getStructuringElement(cv2.MORPH_RECT, (5, 5))  # blurred by lens and compression
-    count, labels, rows, _ = cv2.connectedComponentsWithStats(alike)
-    fixed = np.zeros(alike.shape, bool)
+    count, labels, rows, _ = cv2.connectedComponentsWithStats(pixels)
     for number in range(1, count):
         area = rows[number, cv2.CC_STAT_AREA]
-        if area < _LEAST_AREA * alike.size:
+        if area < _LEAST_AREA * pixels.size:
             continue
         patch = _fill_holes((labels == number).astype(np.uint8), _FILLED * area)
         near = cv2.dilate(patch, edge)
         ring = (cv2.dilate(near, disk) > 0) & (near == 0)
-        if ring.any() and mostly[ring].mean() < _CALM:
-            fixed |= near > 0
-    return fixed if fixed.mean() < _MOST_FIXED else np.zeros_like(fixed)
+        if ring.any():
+            yield near > 0, ring
+
+
+def _is_background(pictures: np.ndarray, patch: np.ndarray, ring: np.ndarray) -> bool:
+    """Returns whether a patch at the corners goes on beside itself in many pictures, as behind an
+    object that was taken before a plain background."""
+    color = np.median(pictures[:, patch], axis=(0, 1))
+    goes_on = np.abs(pictures[:, ring] - color).max(axis=2) <= 2 * _SAME
+    return bool(_take_corners(patch).any() and goes_on.mean() > _GOES_ON)
+
+
+def _take_corners(picture: np.ndarray) -> np.ndarray:
+    return picture[[0, 0, -1, -1], [0, -1, 0, -1]]
 
 
 def _fill_holes(patch: np.ndarray, largest: float) -> np.ndarray:

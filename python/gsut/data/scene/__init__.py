@@ -2,7 +2,12 @@
 
 from gsut.data.scene.depth_form import DISTANCES, MILLIMETRE, DepthForm
 from gsut.data.scene.digests import capture_state, describe_changes, digest_scene
-from gsut.data.scene.lines import find_line_times, interpolate_poses, project_points
+from gsut.data.scene.lines import (
+    find_line_times,
+    find_visible_points,
+    interpolate_poses,
+    project_points,
+)
 from gsut.data.scene.maps import find_bad_maps, read_depth, read_normals
 from gsut.data.scene.scene import Scene, View, keep_at_most
 from gsut.data.scene.shutter import order_frames, split_last_number, with_shutter
@@ -28,6 +33,7 @@ __all__ = [
     "find_line_times",
     "find_up",
     "find_upright_poses",
+    "find_visible_points",
     "hold_out_views",
     "interpolate_poses",
     "keep_at_most",

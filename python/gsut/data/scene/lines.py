@@ -14,6 +14,11 @@ _LINE_STEPS = 4
 # Steps of the exposure at which poses are interpolated: finer ones move points by less than a
 # hundredth of a pixel.
 _TIMES = 256
+# A point is hidden if it is this many times as far as the nearest one in its cell of the image:
+# surfaces seen at a slant span less within a cell.
+_HIDES = 1.2
+# Points in a cell on average: enough that one of them lies on the nearest surface.
+_IN_CELL = 8
 
 
 def project_points(
@@ -54,3 +59,28 @@ def find_line_times(camera: Any, motion: CameraMotion, pixels: np.ndarray) -> np
     lines = motion.shutter.line_times(camera.width, camera.height)
     along = pixels[:, 0 if "left" in motion.shutter.direction else 1]
     return np.interp(along - 0.5, np.arange(len(lines)), lines)
+
+
+def find_visible_points(scene: Any, view: int, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns places (n, 2) as shares of the image size and distances (n,), farthest first.
+
+    Which points a view sees is not stored with them: a point well behind another in the same part
+    of the image is left out.
+    """
+    camera, motion = scene.camera(view), scene.views[view].motion
+    in_camera, pixels, valid = project_points(camera, motion, points)
+    size = np.array([camera.width, camera.height])
+    with np.errstate(invalid="ignore"):
+        valid = valid & np.all((pixels >= 0) & (pixels < size), axis=1)
+    places = np.where(valid[:, None], pixels, 0.0)
+    column, row = places.astype(np.int64).T
+    valid &= scene.mask(view)[row, column]
+    distances = np.linalg.norm(in_camera[valid] - camera.origins()[row, column][valid], axis=1)
+    places = places[valid] / size
+    cells = max(1, int(np.sqrt(len(places) / _IN_CELL)))
+    cell = np.floor(places * cells).astype(np.int64) @ np.array([1, cells])
+    nearest = np.full(cells * cells, np.inf)
+    np.minimum.at(nearest, cell, distances)
+    seen = np.flatnonzero(distances <= _HIDES * nearest[cell])
+    seen = seen[np.argsort(-distances[seen], kind="stable")]  # the nearest of a pixel comes last
+    return places[seen], distances[seen]

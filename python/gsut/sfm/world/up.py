@@ -54,14 +54,14 @@ def find_held(solution: Solution, orientations: dict[str, int]) -> Held | None:
         shown = turn_camera(solution.camera_from_world[i], turns)
         ups.append(-shown[1, :3])
         levels.append(shown[0, :3])
-    if len(ups) < FEWEST:
+    is_level = any(camera.model == "equirectangular" for camera in solution.cameras[:1])
+    if len(ups) < (1 if is_level else FEWEST):
         return None
     mean = np.mean(ups, axis=0)
     length = float(np.linalg.norm(mean))
     if length < 0.5:
         return None
     spread = np.transpose(levels) @ np.array(levels) / len(levels)
-    is_level = any(camera.model == "equirectangular" for camera in solution.cameras[:1])
     return Held(mean / length, spread, len(ups), _LEVELLED if is_level else _PITCH)
 
 

@@ -11,16 +11,12 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
+from gsut.check import check_depths
 from gsut.data import Scene
-from gsut.data.scene import find_bad_maps, project_points, read_depth
+from gsut.data.scene import find_bad_maps, find_visible_points, read_depth
 from gsut.run import TrainOptions
 from gsut.surface import Cloud, DepthMap
 
-# A point is hidden if it is this many times as far as the nearest one in its cell of the image:
-# surfaces seen at a slant span less within a cell.
-_HIDES = 1.2
-# Points in a cell on average: enough that one of them lies on the nearest surface.
-_IN_CELL = 8
 # Share of the weight that is left at the last step (3DGS's depth regularisation).
 _LAST = 0.01
 # Cosine to the axis above which z and the distance along a ray differ too little to decide.
@@ -57,6 +53,8 @@ def require_distances(scene: Scene) -> None:
             "the camera's axis, and are read as distances along the ray; write "
             '"depth_along": "z" into transforms.json'
         )
+    for found in check_depths(scene, None) if depth else ():
+        raise InputError(f"{found.where}: {found.what}; {found.advice}")
 
 
 def has_z_depths(scene: Scene) -> bool:
@@ -81,7 +79,7 @@ def _measure_disagreement(scene: Scene, is_z: bool) -> float:
         with np.errstate(divide="ignore", invalid="ignore"):
             depth = np.where(cosine > 0, depth / (cosine if is_z else 1.0), np.nan)
             if len(points):
-                places, distances = _find_visible_points(scene, view, points)
+                places, distances = find_visible_points(scene, view, points)
                 columns, rows = (places * depth.shape[::-1]).astype(np.int64).T
                 log = np.log(depth[rows, columns] / distances)
                 logs.append(log[np.isfinite(log) & (cosine[rows, columns] < _NEAR_AXIS)])
@@ -125,7 +123,7 @@ class KnownDepth:
         if view not in self._seen:
             self._seen[view] = (
                 _read_file(scene, view) if self.source == "files"
-                else _find_visible_points(scene, view, scene.points)
+                else find_visible_points(scene, view, scene.points)
             )  # fmt: skip
         places, distances = self._seen[view]
         if not len(distances):
@@ -149,26 +147,3 @@ def _read_file(scene: Scene, view: int) -> tuple[np.ndarray, np.ndarray]:
     rows, columns = np.nonzero(np.isfinite(depth) & (depth > 0))
     places = (np.stack([columns, rows], axis=1) + 0.5) / depth.shape[::-1]
     return places, depth[rows, columns]
-
-
-def _find_visible_points(
-    scene: Scene, view: int, points: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Returns places (n, 2) as shares of the image size and distances (n,), farthest first."""
-    camera, motion = scene.camera(view), scene.views[view].motion
-    in_camera, pixels, valid = project_points(camera, motion, points)
-    size = np.array([camera.width, camera.height])
-    with np.errstate(invalid="ignore"):
-        valid = valid & np.all((pixels >= 0) & (pixels < size), axis=1)
-    places = np.where(valid[:, None], pixels, 0.0)
-    column, row = places.astype(np.int64).T
-    valid &= scene.mask(view)[row, column]
-    distances = np.linalg.norm(in_camera[valid] - camera.origins()[row, column][valid], axis=1)
-    places = places[valid] / size
-    cells = max(1, int(np.sqrt(len(places) / _IN_CELL)))
-    cell = np.floor(places * cells).astype(np.int64) @ np.array([1, cells])
-    nearest = np.full(cells * cells, np.inf)
-    np.minimum.at(nearest, cell, distances)
-    seen = np.flatnonzero(distances <= _HIDES * nearest[cell])
-    seen = seen[np.argsort(-distances[seen], kind="stable")]  # the nearest of a pixel comes last
-    return places[seen], distances[seen]

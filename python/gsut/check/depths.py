@@ -1,0 +1,123 @@
+"""Checks depth files against the points and the matches: their unit, and distance, z or inverse."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from gsut._core import InputError
+from gsut.check.evidence import Evidence
+from gsut.check.findings import Finding
+from gsut.data import Scene
+from gsut.data.scene import find_visible_points, read_depth
+
+_VIEWS = 16  # whose points are compared: enough for a median
+_FEWEST = 50  # samples that decide
+_NEAR_AXIS = 0.97  # cosine to the axis above which z and distance differ too little to decide
+_AGREES = 0.02  # median relative difference below which files agree with points
+_OTHER_UNIT = 1.5  # factor beyond which depths are in another unit, not just inexact
+_FITS = 0.25  # median relative difference below which a kind of depth explains the files
+_UNRELATED = 0.5  # likewise, beyond which no kind does
+_KINDS = (  # what files may hold: words, power of the distance, power of the cosine to the axis
+    ("distances along the rays", 1, 0),
+    ("z along the camera's axis", 1, 1),
+    ("distances, though they are stated to be z", 1, -1),
+    ("the inverse of distances", -1, 0),
+    ("the inverse of z", -1, -1),
+)
+_ADVICE = "depths are read along the rays, 16-bit pictures in thousandths of the poses' unit: "
+_CURES = {
+    1: 'write "depth_along": "z" into transforms.json',
+    2: 'leave "depth_along" out of transforms.json',
+}  # by kind
+
+
+def check_depths(scene: Scene, evidence: Evidence | None) -> list[Finding]:
+    """Compares depth files with what points or else matches of the photographs say.
+
+    Args:
+        scene: with poses that the photographs agree with.
+        evidence: of the photographs, or None to compare with points only.
+
+    Returns:
+        A warning that says in which unit, or as what, the files would agree, or nothing.
+    """
+    others, samples = "the points", [*_sample_points(scene)]
+    if sum(len(each[0]) for each in samples) < _FEWEST and evidence is not None:
+        others, samples = "the matches of the photographs", [*_sample_matches(scene, evidence)]
+    if sum(len(each[0]) for each in samples) < _FEWEST:
+        return []
+    depth, distance, cosine = np.log(np.concatenate([np.stack(each) for each in samples], axis=1))
+    offs = [depth - power * distance - tilt * cosine for _, power, tilt in _KINDS]
+    scales = [float(np.median(off)) for off in offs]
+    errors = [
+        float(np.median(np.abs(off - scale))) for off, scale in zip(offs, scales, strict=True)
+    ]
+    best = int(np.argmin(errors))
+    kind, power, _ = _KINDS[best]
+    if errors[best] > _UNRELATED:
+        what = f"depth files do not agree with {others}, in any unit: the median differs by a "
+        what += f"factor of {np.exp(errors[best]):.2g}"
+        return [_warn(scene, what, _ADVICE + "check that they are of these images and poses")]
+    factor = float(np.exp(scales[best]))
+    if errors[best] < _FITS and (power < 0 or abs(scales[best]) > np.log(_OTHER_UNIT)):
+        what = f"depth files agree with {others} as {kind} times {factor:.3g}"
+        return [
+            _warn(
+                scene, what, _ADVICE + 'state "depth_unit" in transforms.json, or convert the files'
+            )
+        ]
+    off_axis = np.exp(cosine) < _NEAR_AXIS
+    if np.count_nonzero(off_axis) < _FEWEST:
+        return []
+    given, *others_off = (float(np.median(np.abs(off[off_axis]))) for off in offs)
+    return [
+        _warn(scene, f"depth files agree with {others} as {_KINDS[kind][0]}", _ADVICE + cure)
+        for kind, cure in _CURES.items()
+        if others_off[kind - 1] < _AGREES < given
+    ]
+
+
+def _warn(scene: Scene, what: str, advice: str) -> Finding:
+    return Finding("warning", str(scene.path), what, advice)
+
+
+def _sample_points(scene: Scene) -> Iterator[tuple[np.ndarray, ...]]:
+    views = [view for view, each in enumerate(scene.views) if each.depth_path is not None]
+    step = -(-len(views) // _VIEWS) or 1
+    for view in views[::step] if len(scene.points) else ():
+        yield _look_up(scene, view, *find_visible_points(scene, view, scene.points))
+
+
+def _sample_matches(scene: Scene, evidence: Evidence) -> Iterator[tuple[np.ndarray, ...]]:
+    views, pixels, distances = evidence.measure_distances()
+    for view in np.unique(views).tolist():
+        if scene.views[view].depth_path is not None:
+            camera, rows = scene.camera(view), views == view
+            places = pixels[rows] / [camera.width, camera.height]
+            yield _look_up(scene, view, places, distances[rows])
+
+
+def _look_up(
+    scene: Scene, view: int, places: np.ndarray, distances: np.ndarray
+) -> tuple[np.ndarray, ...]:
+    """Returns depths (n,) of the file at places, with their distances and cosines to the axis."""
+    try:
+        depth = read_depth(scene, view)
+    except InputError:  # reported by the checks of the files
+        depth = None
+    if depth is None:
+        return (np.zeros(0),) * 3
+    rays = np.asarray(scene.camera(view).rays()[0])
+
+    def look(table: np.ndarray) -> np.ndarray:
+        size = np.array(table.shape[1::-1])
+        columns, rows = np.clip((places * size).astype(np.int64), 0, size - 1).T
+        return table[rows, columns]
+
+    ray, found = look(rays), look(depth)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        cosine = ray[:, 2] / np.linalg.norm(ray, axis=1)
+    good = np.isfinite(found) & (found > 0) & (cosine > 0) & (distances > 0)
+    return found[good], distances[good], cosine[good]
