@@ -37,17 +37,11 @@ def anneal(fraction: float) -> float:
 def check_maps(scene: Scene, options: TrainOptions) -> None:
     """Raises the InputError of the first depth or normal file that the training would stop at."""
     if not options.surface and len(scene.points):
-        return
+        return  # it starts from points and does not look at files
     depth = KnownDepth(scene, options.known_depth).source == "files"
     for error in find_bad_maps(scene, depth, options.surface):
         raise error
-    if depth:
-        require_distances(scene)
-
-
-def require_distances(scene: Scene) -> None:
-    """Raises an InputError if depth files hold z, but are read as distances along the rays."""
-    if has_z_depths(scene):
+    if depth and has_z_depths(scene):
         raise InputError(
             f"{scene.path}: its depth files agree with its points, or with each other, as z along "
             "the camera's axis, and are read as distances along the ray; write "
