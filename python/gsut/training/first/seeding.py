@@ -88,10 +88,10 @@ def _find_points_to_seed(scene: Scene, options: TrainOptions, sky: int) -> Color
 
 
 def _has_depths(scene: Scene, options: TrainOptions) -> bool:
-    """Returns whether depth files of training views are used."""
-    return options.known_depth in ("auto", "files") and any(
-        scene.views[i].depth_path is not None for i in scene.train_indices
-    )
+    """Returns whether training starts at the depth files of training views, as it has no points."""
+    if len(scene.points) or options.known_depth not in ("auto", "files"):
+        return False
+    return any(scene.views[i].depth_path is not None for i in scene.train_indices)
 
 
 def _find_points_by_depth(scene: Scene, most: int, seed: int) -> Colored | None:

@@ -36,8 +36,10 @@ def anneal(fraction: float) -> float:
 
 def check_maps(scene: Scene, options: TrainOptions) -> None:
     """Raises the InputError of the first depth or normal file that the training would stop at."""
+    if not options.surface and len(scene.points):
+        return  # it starts from points and does not look at files
     depth = KnownDepth(scene, options.known_depth).source == "files"
-    for error in find_bad_maps(scene, depth, options.surface) if depth or options.surface else ():
+    for error in find_bad_maps(scene, depth, options.surface):
         raise error
     if depth and has_z_depths(scene):
         raise InputError(

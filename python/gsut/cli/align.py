@@ -1,0 +1,79 @@
+"""`gsut align`: places one run in the frame of another, and shows what has changed."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from gsut.cli._flags import add_json, print_json
+from gsut.files import refuse_existing
+
+HELP = "place a run in the frame of another; show what has changed"
+DESCRIPTION = (
+    "Locates photographs of RUN_B in the scene of RUN_A and prints the similarity from the "
+    "coordinates of B to those of A, with its standard deviations."
+)
+
+
+def add_flags(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("first", metavar="RUN_A", help="a finished run, whose frame stays")
+    parser.add_argument("other", metavar="RUN_B", help="another of the same place")
+    parser.add_argument(
+        "-o", "--out", metavar="FILE", help="scene file to write: B in the frame of A"
+    )
+    parser.add_argument(
+        "--changes", metavar="FOLDER",
+        help="pictures to write: what photographs of B saw, what has changed since A in red",
+    )  # fmt: skip
+    add_json(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    from gsut.formats import save_gaussians
+    from gsut.refine.captures import align_captures, find_changes
+    from gsut.render import choose_solid, write_png
+    from gsut.run import Progress, RunFolder
+    from gsut.training import read_trained
+
+    for path in filter(None, (arguments.out, arguments.changes)):
+        refuse_existing(Path(path))
+    (options, scene, gaussians), (_, other, theirs) = (
+        read_trained(RunFolder.open(each), None) for each in (arguments.first, arguments.other)
+    )
+    with Progress() as bars:
+        found = align_captures(
+            scene, gaussians, other, background=choose_solid(options.background),
+            on_progress=bars.show,
+        )  # fmt: skip
+    moved = found.apply(theirs)
+    figures = {
+        "matrix": found.matrix.tolist(), "scale": found.scale,
+        "scale_sigma_percent": 100 * found.scale_sigma,
+        "rotation_sigma_degrees": found.rotation_sigma, "position_sigma": found.position_sigma,
+        "photographs": found.names, "rejected": found.rejected, "changed": {},
+    }  # fmt: skip
+    if arguments.out is not None:
+        save_gaussians(arguments.out, moved)
+    if arguments.changes is not None:
+        folder = Path(arguments.changes)
+        folder.mkdir()
+        for index, view in enumerate(other.views):
+            if view.name in found.names:
+                pose = found.move_pose(other.to_dataset(view.camera_from_world))
+                changed, picture = find_changes(gaussians, moved, other.camera(index), pose)
+                write_png(folder / f"{Path(view.name).stem}.png", picture, view.turns)
+                figures["changed"][view.name] = float(changed.mean())
+    if arguments.json:
+        print_json(figures)
+        return 0
+    print("coordinates of A from those of B:")
+    for row in figures["matrix"]:
+        print("  " + " ".join(f"{value:12.6f}" for value in row))
+    print(
+        f"scale {found.scale:.6g} +- {100 * found.scale_sigma:.2g} %, rotation +- "
+        f"{found.rotation_sigma:.2g} degrees, positions +- {found.position_sigma:.2g}, by "
+        f"{len(found.names)} photographs; {len(found.rejected)} do not agree or show another place"
+    )
+    for name, share in figures["changed"].items():
+        print(f"{name}: {share:.1%} has changed")
+    return 0
