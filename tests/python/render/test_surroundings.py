@@ -80,7 +80,8 @@ def test_edges_of_one_colour_are_the_background_of_an_object(tmp_path, rng):
     pictures = {i: np.array(scene.image(i)) for i in scene.train_indices}
 
     class Edged:
-        train_indices, camera = scene.train_indices, scene.camera
+        train_indices, camera, views = scene.train_indices, scene.camera, scene.views
+        find_lens_mask = scene.find_lens_mask
         image = pictures.__getitem__
         cut = False
 
