@@ -10,7 +10,7 @@ from gsut.sfm.lens.still_camera import require_motion
 from gsut.sfm.matches.matching import RawMatches, match_images
 from gsut.sfm.photographs.listing import LensGroup
 from gsut.sfm.photographs.options import PosesOptions
-from synthetic_walk import Synthetic, quiet
+from synthetic_walk import Synthetic, observe, quiet, shuffled
 
 LENS = gsut.Camera("kannala_brandt", [420, 420, 505, 500, 0.03, -0.01, 0, 0], 1000, 1010)
 
@@ -18,6 +18,10 @@ LENS = gsut.Camera("kannala_brandt", [420, 420, 505, 500, 0.03, -0.01, 0, 0], 10
 def find_matches(*, is_known, wrong=0.3, noise=0.3, **motion):
     """The state of a run after matching; a share of the matches of each pair is wrong."""
     scene = Synthetic(np.random.default_rng(7), 6, 500, noise, camera=LENS, **motion)
+    return match_scene(scene, is_known, wrong)
+
+
+def match_scene(scene, is_known, wrong):
     raw = match_images([f"{i}" for i in range(6)], scene.features, PosesOptions(), quiet)
     mixed = [matches.copy() for matches in raw.matches]
     for matches in mixed:
@@ -66,3 +70,22 @@ def test_equal_images_are_refused_as_a_still_background_is(is_known):
 @pytest.mark.parametrize("reach", [1.0, 0.02])  # of 0.02: 3 pixels from first to last
 def test_camera_that_moved_is_not_refused(is_known, turn, reach):
     require_motion(find_matches(is_known=is_known, turn=turn, reach=reach))
+
+
+class StraightFlight(Synthetic):
+    """A straight flight over a plane through a lens of 35 degrees, in steps of seven pixels."""
+
+    def __init__(self, rng):
+        lens = gsut.Camera("pinhole", [517, 517, 80, 140], 160, 280)
+        super().__init__(rng, 0, 2000, camera=lens)
+        self.points *= [1, 1, 0]
+        identity = rng.random((2000, 128)) ** 4
+        for i in range(6):
+            pose = np.eye(4)
+            pose[:3, 3] = [0.5 * (2.5 - i), 0, 10]
+            _, features = observe(rng, lens, *self._seen(lens, pose, np.zeros(6)), 0.03, identity)
+            self.features.append(shuffled(rng, features))
+
+
+def test_straight_flight_over_a_plane_through_a_known_narrow_lens_is_not_refused():
+    require_motion(match_scene(StraightFlight(np.random.default_rng(7)), True, 0.1))

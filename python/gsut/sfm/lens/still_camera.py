@@ -25,6 +25,10 @@ _EXPLAINED = 0.75
 _FEWEST_MATCHES = 10  # that agree and were not fitted, of a pair that counts
 # Diagonal over focal length of lenses through which a turn looks like a move along a plane.
 _LEAST_FIELD = 0.6
+# The same of a known lens, through which rotations of a straight flight over a plane are clearly
+# less exact in the upper quartile of its pairs: 4 to 7 times, in turns mostly below 3.
+_LEAST_KNOWN_FIELD = 1.4
+_LESS_EXACT = 3.0
 _LEAST_PARALLAX = 4.0  # standard deviations of the noise, up to which parallax shows no depth
 _LEAST_NOISE = 0.01  # pixels: no feature is found better
 _ROUNDS_OF_NOISE = 20  # of expectation and maximization, which settle in about ten
@@ -90,6 +94,9 @@ def require_motion(mapping: Mapping) -> None:
     if mapping.found.figures["lens"] == "known":
         found = _explain_by_poses(sample, cameras, limit)
         turns, poses = [_fit_turns(sample, found, cameras, limit)[0]], [found]
+        is_narrow = any(_measure_field(lens) < _LEAST_KNOWN_FIELD for lens in cameras)
+        if is_narrow and _compare_exactness(sample, turns[0], found.errors) > _LESS_EXACT:
+            return
     elif len(photographs.unknown_groups[0].images) == len(photographs):
         turns, poses = _try_lenses(mapping, sample, limit)
     else:
@@ -102,6 +109,21 @@ def require_motion(mapping: Mapping) -> None:
         gain = float((others[by_poses] - rows[by_turns])[~sample.fitted].sum())
         if gain <= 0:
             _refuse_turns(sample, turns[by_turns], poses[by_poses].errors, limit)
+
+
+def _measure_field(lens: Camera) -> float:
+    """Returns a lens's diagonal in focal lengths."""
+    return math.hypot(lens.width, lens.height) / measure_pixels_per_radian(lens)
+
+
+def _compare_exactness(sample: _Sample, turns: np.ndarray, poses: np.ndarray) -> float:
+    """Returns how much less exact rotations are than poses in the upper quartile of the pairs."""
+    held = ~sample.fitted & np.isfinite(turns) & np.isfinite(poses)
+    rows = [held & (sample.pair == i) for i in range(len(sample.images))]
+    ratios = [
+        _find_median(turns[own]) / max(_find_median(poses[own]), _LEAST_NOISE) for own in rows
+    ]
+    return float(np.quantile(ratios, 0.75))
 
 
 def _try_lenses(
@@ -122,8 +144,10 @@ def _try_lenses(
     turns, poses = [], [_explain_by_poses(sample, lenses[int(np.argmax(agree))], limit)]
     for each in order[:_TRIED]:
         lens = _fit_lens(sample, lenses[each], limit)
-        is_narrow = math.hypot(lens.width, lens.height) < _LEAST_FIELD * float(lens.params[0])
-        if not is_narrow and explain_implausible(lens, mapping.features) is None:
+        if (
+            _measure_field(lens) >= _LEAST_FIELD
+            and explain_implausible(lens, mapping.features) is None
+        ):
             poses.append(_explain_by_poses(sample, [lens] * count, limit))
             turns.append(_fit_turns(sample, poses[-1], [lens] * count, limit)[0])
     return turns, poses
