@@ -18,8 +18,9 @@ _RING = 0.015
 _CALM = 0.35
 _BLACK = 16  # grey levels: what a lens' circle and bars leave dark, with noise
 # Share of the ring, over all pictures, in the patch's colour beyond which that is a background:
-# beside a lens' circle and bars it is at most 0.09, in dark rooms too.
-_GOES_ON = 0.15
+# beside a lens' circle and bars it is at most 0.09, in dark rooms too, about objects before black
+# at least 0.14.
+_GOES_ON = 0.11
 _MOST_FIXED = 0.8  # of the picture: beyond that the camera stood still
 _FILLED = 0.25  # area of a hole, such as a clock's digits, over that of the patch around it
 
@@ -38,8 +39,10 @@ def describe_fixed_pixels(share: float) -> str:
     )
 
 
-def find_fixed_pixels(pictures: np.ndarray) -> np.ndarray:
+def find_fixed_pixels(pictures: np.ndarray, far_moves: bool = True) -> np.ndarray:
     """Returns (H, W) bool, True for patches that are alike in all pictures (N, H, W, 3) uint8.
+
+    Where what is far does not move, as by a camera that does not turn, only black counts.
 
     A patch ends at the same pixels in all pictures: right beside it most of them differ. Beside
     black that takes all corners it suffices that most are bright, as before a plain wall.
@@ -51,7 +54,8 @@ def find_fixed_pixels(pictures: np.ndarray) -> np.ndarray:
     is_bright = middle.max(axis=2) > _BLACK + _SAME
     fixed = np.zeros(alike.shape, bool)
     for patch, ring in _list_patches(alike):
-        if mostly[ring].mean() < _CALM and not _is_background(pictures, patch, ring):
+        is_apart = far_moves and mostly[ring].mean() < _CALM
+        if is_apart and not _is_background(pictures, patch, ring):
             fixed |= patch
     dark = alike & (middle.max(axis=2) <= _BLACK)
     if _take_corners(dark).all():  # as about a circle and beside bars
@@ -84,8 +88,8 @@ def _list_patches(pixels: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]
 def _is_background(pictures: np.ndarray, patch: np.ndarray, ring: np.ndarray) -> bool:
     """Returns whether a patch at the corners goes on beside itself in many pictures, as behind an
     object that was taken before a plain background."""
-    color = np.median(pictures[:, patch], axis=(0, 1))
-    goes_on = np.abs(pictures[:, ring] - color).max(axis=2) <= 2 * _SAME
+    colors = np.median(pictures[:, patch], axis=1, keepdims=True)  # exposures differ
+    goes_on = np.abs(pictures[:, ring] - colors).max(axis=2) <= 2 * _SAME
     return bool(_take_corners(patch).any() and goes_on.mean() > _GOES_ON)
 
 

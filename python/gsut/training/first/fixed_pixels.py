@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import collections
 import concurrent.futures
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -19,6 +20,9 @@ from gsut.data.images import (
     find_fixed_pixels,
 )
 from gsut.lens import Camera
+
+# Radians by which some of the optical axes must differ, so that a sky moves in the pictures.
+_LEAST_TURN = math.radians(5)
 
 
 def find_fixed_of_cameras(scene: Scene) -> tuple[np.ndarray | None, ...]:
@@ -63,7 +67,9 @@ def _find_fixed(scene: Scene, indices: Sequence[int]) -> np.ndarray | None:
         return None  # a damaged photograph is reported when it is used
     if any(small.alpha(index) is not None for index in chosen):
         return None
-    fixed = find_fixed_pixels(np.stack(pictures))
+    axes = np.stack([view.camera_from_world[2, :3] for view in views])
+    far_moves = float((axes @ axes.T).min()) < math.cos(_LEAST_TURN)
+    fixed = find_fixed_pixels(np.stack(pictures), far_moves)
     return fixed if fixed.any() else None
 
 

@@ -27,8 +27,9 @@ def prepare_scene(scene: Scene, options: TrainOptions) -> Scene:
         most = max(max(c.width, c.height) for c in scene.cameras)
         small = scene.scale_images(o.max_side / most, decodes_small=True)
         small = small.replace(notes=(*small.notes, note))
-    if not o.keep_all_pixels:
-        small = small.replace(fixed=find_fixed_of_cameras(small))
+    fixed = () if o.keep_all_pixels else find_fixed_of_cameras(small)
+    if fixed:
+        small = small.replace(fixed=fixed)
     if o.shutter in READOUTS:
         return with_shutter(small, "rolling", o.readout_time, o.shutter)
     return with_shutter(small, o.shutter, o.readout_time, "top_to_bottom")
