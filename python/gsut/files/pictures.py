@@ -17,6 +17,9 @@ from gsut.files.opening import PathLike, open_binary, read_bytes
 from gsut.files.writing import write_file
 from gsut.orientation import add_orientation
 
+# OpenCV reads no .exr otherwise, and looks once, at the first picture.
+os.environ.setdefault("OPENCV_IO_ENABLE_OPENEXR", "1")
+
 _PNG = b"\x89PNG\r\n\x1a\n"
 _PNG_SIZE = 16  # place of width, height, bits and kind of colour in a PNG
 _PNG_HEAD = 26  # bytes up to there

@@ -81,8 +81,8 @@ def test_lens_covariance_by_windows_is_a_little_larger(flight, monkeypatch, size
 
 
 def test_focal_spread_of_windows_is_about_that_without_groups(flight, monkeypatch):
-    by_groups = prior._estimate_focal_sigma(flight, flight.solution, FREE, 0.0)
+    by_groups = prior.estimate_focal_sigma(flight, FREE, 0.0)
     monkeypatch.setattr(prior, "_MOST_LEFT_OUT", 4)
     monkeypatch.setattr(prior, "GROUPS", 3)
-    by_windows = prior._estimate_focal_sigma(flight, flight.solution, FREE, 0.0)
+    by_windows = prior.estimate_focal_sigma(flight, FREE, 0.0)
     assert by_groups / 3 < by_windows < 3 * by_groups

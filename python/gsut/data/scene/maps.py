@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import concurrent.futures
-import os
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -133,7 +132,6 @@ def _load_numbers(path: Path) -> np.ndarray:
 def _load_picture(path: Path) -> np.ndarray | None:
     import cv2  # here, because gsut --help needs none
 
-    os.environ.setdefault("OPENCV_IO_ENABLE_OPENEXR", "1")  # it reads no .exr otherwise
     return read_picture(path, cv2.IMREAD_UNCHANGED)
 
 

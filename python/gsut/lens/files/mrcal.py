@@ -13,7 +13,7 @@ from gsut.lens.files._format import LensFile, LensFormat
 from gsut.lens.files._values import LensValues
 
 # What mrcal's own tools need to find a lens' uncertainty: each on a line, kept as it is.
-_SOLVED = re.compile(r"""^\s*['"](?:optimization_inputs|icam_intrinsics\w*)['"]\s*:.*$""", re.M)
+_SOLVED = re.compile(r"""^[ \t]*['"](?:optimization_inputs|icam_intrinsics\w*)['"]\s*:.*$""", re.M)
 
 
 def read_mrcal(file: LensFile, camera_id: int | str | None) -> Camera:
