@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import math
+import numbers
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from gsut._core import InputError
+from gsut.bounds import check_number
 from gsut.compact.method import METHODS, find_method
 from gsut.compact.scores import SeenView
 from gsut.gaussians import Gaussians
@@ -69,6 +70,7 @@ def compact(
     """
     check_method(method, bool(views))
     check_primitive(gaussians, method)
+    seed = check_number(seed, "seed", 0, whole=True)
     origin = gaussians.origin
     g, views = _keep_finite(gaussians).translate(-origin), _place_views(views, origin)
     dropped = len(gaussians) - len(g)
@@ -151,7 +153,7 @@ def check_primitive(gaussians: Gaussians, method: str) -> None:
 
 def check_keep(keep: float) -> None:
     """Raises InputError unless 0 < keep <= 1."""
-    if not (math.isfinite(keep) and 0.0 < keep <= 1.0):
+    if not isinstance(keep, numbers.Real) or not 0.0 < keep <= 1.0:
         raise InputError(
             f"keep must be above 0 and at most 1, found {keep}; 0.1 keeps a tenth of the Gaussians"
         )
@@ -172,7 +174,7 @@ def _count_target(rows: int, keep: float | None, count: int | None) -> int:
     if keep is not None:
         check_keep(keep)
         return min(rows, max(1, round(keep * rows)))
-    assert count is not None
-    if count < 1:
-        raise InputError(f"count is {count}; at least one Gaussian must stay")
-    return min(rows, count)
+    number = check_number(count, "count", whole=True)
+    if number < 1:
+        raise InputError(f"count is {number}; at least one Gaussian must stay")
+    return min(rows, number)

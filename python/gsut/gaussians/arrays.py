@@ -9,6 +9,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
+from gsut.bounds import check_vector
 from gsut.gaussians.cone import compute_reach, find_seen
 from gsut.gaussians.surfels import are_pressed, press_shortest, press_surfels
 
@@ -224,7 +225,7 @@ class Gaussians(ParameterArrays):
 
     def translate(self, by: np.typing.ArrayLike) -> Gaussians:
         """Moves the Gaussians by a vector (3,) in world units: exact, only the origin changes."""
-        return dataclasses.replace(self, origin=self.origin + np.asarray(by, np.float64))
+        return dataclasses.replace(self, origin=self.origin + check_vector(by, "by"))
 
     def select_seen(
         self, apex: np.ndarray, rays: np.ndarray, margin: float, around: float = 0.0

@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from gsut._core import InputError
+from gsut.bounds import check_vector
 from gsut.gaussians.arrays import Gaussians
 from gsut.gaussians.cone import LEAST_ALPHA, compute_reach, find_seen
 from gsut.gaussians.morton import order_by_morton_code
@@ -105,7 +106,7 @@ class StoredGaussians:
 
     def translate(self, by: np.typing.ArrayLike) -> StoredGaussians:
         """Moves the Gaussians by a vector (3,) in world units."""
-        return dataclasses.replace(self, origin=self.origin + np.asarray(by), _last={})
+        return dataclasses.replace(self, origin=self.origin + check_vector(by, "by"), _last={})
 
     def to_gaussians(self) -> Gaussians:
         """Raises InputError: the Gaussians do not fit in memory."""

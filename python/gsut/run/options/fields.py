@@ -14,6 +14,7 @@ from typing import Any
 from gsut._core import InputError
 from gsut.bounds import MOST_WHOLE
 
+_MOST_SHOWN = 80  # characters of a value that is refused
 _UNITS = {"B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9}
 
 
@@ -178,32 +179,33 @@ def _check_value(label: str, value: Any, info: OptionInfo, kind: Any) -> Any:
         return None
     if isinstance(value, str) and value in info.words:
         return value
+    shown = " ".join(repr(value).split())[:_MOST_SHOWN]  # an array has lines
     if info.choices:
         if value not in info.choices:
-            raise InputError(f"{label} must be one of {', '.join(info.choices)}, found {value!r}")
+            raise InputError(f"{label} must be one of {', '.join(info.choices)}, found {shown}")
         return value
     plain = strip_none(kind)
     needed = f"{label} must be {_describe_kind(plain, info)}, found"
     if typing.get_origin(plain) is tuple:
         entries = typing.get_args(plain)
         if not isinstance(value, (tuple, list)):
-            raise InputError(f"{needed} {value!r}")
+            raise InputError(f"{needed} {shown}")
         if entries[-1] is not Ellipsis and len(value) != len(entries):
-            raise InputError(f"{needed} {len(value)} values: {value!r}")
+            raise InputError(f"{needed} {len(value)} values: {shown}")
         return tuple(_check_value(label, entry, info, entries[0]) for entry in value)
     is_word = isinstance(value, str) and value != ""
     if isinstance(value, bool) != (plain is bool) or (plain is str and not is_word):
-        raise InputError(f"{needed} {value!r}")
+        raise InputError(f"{needed} {shown}")
     if plain in (bool, str):
         return value
     try:
         number = operator.index(value) if plain is int else float(value)
-    except (TypeError, ValueError):
-        raise InputError(f"{needed} {value!r}") from None
+    except (TypeError, ValueError, OverflowError):
+        raise InputError(f"{needed} {shown}") from None
     if plain is int and info.high is None:
         info = dataclasses.replace(info, high=MOST_WHOLE)
     if not info.is_in_range(number):
-        raise InputError(f"{label} must be {info.describe_range()}, found {value!r}")
+        raise InputError(f"{label} must be {info.describe_range()}, found {shown}")
     return number
 
 
