@@ -129,6 +129,17 @@ def _load_numbers(path: Path) -> np.ndarray:
     return read_npy(path, Array(finite=False)).astype(np.float64)
 
 
+def _require_exr(path: Path) -> None:
+    """Raises InputError if the installed OpenCV has no OpenEXR, as wheels of OpenCV 5 have none."""
+    import cv2
+
+    if not cv2.haveImageWriter(path.name):
+        raise InputError(
+            f"{path}: OpenCV {cv2.__version__} reads no .exr here; "
+            "pip install 'opencv-contrib-python-headless<5'"
+        )
+
+
 def _load_picture(path: Path) -> np.ndarray | None:
     import cv2  # here, because gsut --help needs none
 
