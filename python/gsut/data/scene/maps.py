@@ -44,6 +44,8 @@ def read_depth(
         depth = _load_numbers(path)
     else:
         picture = _load_picture(path)
+        if picture is None and path.suffix == ".exr":
+            _require_exr(path)
         if picture is not None and picture.ndim == 3 and path.suffix == ".exr":
             picture = picture[..., 2]  # red, where there is one channel alone
         if picture is None or picture.ndim != 2:
