@@ -10,6 +10,7 @@ import numpy as np
 
 from gsut._core import CameraMotion, InputError
 from gsut.bounds import check_number
+from gsut.data.poses import find_centers
 from gsut.render import render, render_surface, to_uint8
 from gsut.run import check_fits, free_memory
 from gsut.surface.depth_map import DepthMap, list_views
@@ -306,7 +307,7 @@ def _find_middle(motion: np.ndarray | CameraMotion) -> np.ndarray:
 def _place_cameras(maps: Sequence[DepthMap]) -> tuple[np.ndarray, np.ndarray]:
     """Returns poses (N, 4, 4) in the middle of the exposures, and camera centres (N, 3)."""
     places = np.stack([_find_middle(m.motion) for m in maps])
-    return places, -np.einsum("nji,nj->ni", places[:, :3, :3], places[:, :3, 3])
+    return places, find_centers(places)
 
 
 def keep_agreeing(

@@ -1,7 +1,6 @@
 """The page in a headless browser: its pixels are the renderer's, its parts work, nothing fails."""
 
 import dataclasses
-import threading
 
 import numpy as np
 import pytest
@@ -10,8 +9,8 @@ import gsut
 import small_run
 from browser import WAIT_SECONDS, browser
 from gsut.view import Session, ViewServer
-from gsut.view.frames import Frames
 from gsut.view.stage import Stage
+from held_frames import hold_frames
 from random_scenes import fisheye, gaussians_in_view, list_models, rng_of
 from tolerances.view import MEASURED
 
@@ -69,16 +68,7 @@ def test_frame_of_a_moved_eye_is_ordered_from_there(window, scene, gaussians):
 
 
 def test_eye_moves_while_a_large_exact_frame_is_drawn(window, monkeypatch):
-    moved, going = threading.Event(), threading.Event()
-    draw = Frames.draw
-
-    def draw_late(frames, request):
-        if request.is_large:
-            going.set()
-            assert moved.wait(WAIT_SECONDS)
-        return draw(frames, request)
-
-    monkeypatch.setattr(Frames, "draw", draw_late)
+    going, moved = hold_frames(monkeypatch, lambda _, request: request.is_large, WAIT_SECONDS)
     window.run("state.lossless = true; await makeLens({ model: 'pinhole', fit: [16000, 1000] });")
     assert going.wait(WAIT_SECONDS)
     before = int(window.run("return document.body.dataset.frames;"))

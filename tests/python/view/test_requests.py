@@ -14,9 +14,9 @@ from test_server import ask, sentence
 import small_run
 from gsut.view import Session, ViewServer
 from gsut.view import server as server_module
-from gsut.view.frames import Frames
 from gsut.view.server import LOOPBACK
 from gsut.view.stage import Stage
+from held_frames import hold_frames
 from random_scenes import gaussians_in_view, rng_of
 
 SECONDS = 20.0  # for any answer, on a busy machine
@@ -199,16 +199,7 @@ def test_long_search_for_floaters_holds_no_other_request(server, stage, monkeypa
 
 
 def test_large_frame_holds_no_small_request(server, stage, monkeypatch):
-    drawn, going = threading.Event(), threading.Event()
-    draw = Frames.draw
-
-    def draw_late(frames, request):
-        if request.is_large:
-            going.set()
-            assert drawn.wait(SECONDS)
-        return draw(frames, request)
-
-    monkeypatch.setattr(Frames, "draw", draw_late)
+    going, drawn = hold_frames(monkeypatch, lambda _, request: request.is_large, SECONDS)
     values = make_requests(stage.scene.views[0].camera_from_world)
     large = values["frame"] | {"width": 2200, "height": 2200, "layers": []}
     with concurrent.futures.ThreadPoolExecutor(1) as other:
@@ -222,16 +213,8 @@ def test_large_frame_holds_no_small_request(server, stage, monkeypatch):
 
 
 def test_film_holds_no_frame(stage, monkeypatch):
-    session, drawn, going = Session(stage), threading.Event(), threading.Event()
-    draw = Frames.draw
-
-    def draw_late(frames, request):
-        if frames is not session.frames:
-            going.set()
-            assert drawn.wait(SECONDS)
-        return draw(frames, request)
-
-    monkeypatch.setattr(Frames, "draw", draw_late)
+    session = Session(stage)
+    going, drawn = hold_frames(monkeypatch, lambda frames, _: frames is not session.frames, SECONDS)
     values = make_requests(stage.scene.views[0].camera_from_world)
     film = session.handle_film(values["film"]).content
     assert going.wait(SECONDS) and not film["ready"]

@@ -13,6 +13,7 @@ import numpy as np
 
 from gsut._core import InputError, SolveError
 from gsut.data import Scene
+from gsut.data.poses import find_centers
 from gsut.gaussians import Gaussians, transform_gaussians
 from gsut.refine.photograph import localize
 
@@ -62,7 +63,7 @@ class CaptureAlignment:
     def move_pose(self, camera_from_world: np.ndarray) -> np.ndarray:
         """Returns a pose (4, 4) in the other frame."""
         rotation = camera_from_world[:3, :3] @ self.rotation.T
-        center = -camera_from_world[:3, :3].T @ camera_from_world[:3, 3]
+        (center,) = find_centers(camera_from_world[None])
         moved = np.eye(4)
         moved[:3, :3] = rotation
         moved[:3, 3] = -rotation @ (self.scale * self.rotation @ center + self.shift)
@@ -128,16 +129,12 @@ def align_captures(
     return CaptureAlignment(scale, rotation, shift, *sigmas, tuple(names), tuple(rejected))
 
 
-def _find_centers(poses: np.ndarray) -> np.ndarray:
-    return -np.einsum("nji,nj->ni", poses[:, :3, :3], poses[:, :3, 3])
-
-
 def _fit(here: np.ndarray, there: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
     """Fits scale, rotation and shift to poses (n, 4, 4) in both frames."""
     turns = np.einsum("nji,njk->ik", here[:, :3, :3], there[:, :3, :3])
     left, _, right = np.linalg.svd(turns)
     rotation = left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right
-    target, source = _find_centers(here), _find_centers(there) @ rotation.T
+    target, source = find_centers(here), find_centers(there) @ rotation.T
     a, b = source - source.mean(axis=0), target - target.mean(axis=0)
     scale = float((a * b).sum() / max((a * a).sum(), np.finfo(float).tiny))
     return scale, rotation, target.mean(axis=0) - scale * source.mean(axis=0)
@@ -170,7 +167,7 @@ def _measure_errors(
     here: np.ndarray, there: np.ndarray, scale: float, rotation: np.ndarray, shift: np.ndarray
 ) -> np.ndarray:
     """Measures by how much the centres, and the rotations, of poses differ: (n, 2)."""
-    off = scale * _find_centers(there) @ rotation.T + shift - _find_centers(here)
+    off = scale * find_centers(there) @ rotation.T + shift - find_centers(here)
     turned = here[:, :3, :3] @ rotation - there[:, :3, :3]
     return np.stack([np.linalg.norm(off, axis=1), np.linalg.norm(turned, axis=(1, 2))], axis=1)
 
@@ -183,7 +180,7 @@ def _measure_sigmas(
     By the jackknife: the fit is repeated without each photograph. What all photographs of a few
     share does not show there: their own deviations `own` (n, 2), of centre and degrees, are added.
     """
-    n, middle = len(here), _find_centers(there).mean(axis=0)
+    n, middle = len(here), find_centers(there).mean(axis=0)
     fits = [_fit(np.delete(here, i, axis=0), np.delete(there, i, axis=0)) for i in range(n)]
     scales = np.array([scale for scale, _, _ in fits])
     turns = np.array([rotation for _, rotation, _ in fits])
@@ -193,7 +190,7 @@ def _measure_sigmas(
         return float(np.sqrt((n - 1) / n * ((values - values.mean(axis=0)) ** 2).sum()))
 
     shared, turned = np.sqrt((own**2).mean(axis=0))
-    reach = np.sqrt(((_find_centers(here) - _find_centers(here).mean(axis=0)) ** 2).sum(1).mean())
+    reach = np.sqrt(((find_centers(here) - find_centers(here).mean(axis=0)) ** 2).sum(1).mean())
     # Of a small rotation, the norm of the matrix' change is the angle times the root of 2.
     return (
         float(np.hypot(spread(scales) / abs(scales.mean()), shared / reach / np.sqrt(n))),

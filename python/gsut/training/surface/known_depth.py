@@ -23,7 +23,7 @@ _LAST = 0.01
 _NEAR_AXIS = 0.97
 # Points that must be seen off the axis before they decide.
 _FEWEST_POINTS = 50
-# Median relative difference below which files agree with points, or with each other.
+# Median relative difference below which files agree with each other.
 _AGREES = 0.02
 # Times that difference, above which the other reading is wrong.
 _WORSE = 2.0
@@ -41,10 +41,10 @@ def check_maps(scene: Scene, options: TrainOptions) -> None:
     depth = KnownDepth(scene, options.known_depth).source == "files"
     for error in find_bad_maps(scene, depth, options.surface):
         raise error
-    if depth and has_z_depths(scene):
+    if depth and not len(scene.points) and has_z_depths(scene):
         raise InputError(
-            f"{scene.path}: its depth files agree with its points, or with each other, as z along "
-            "the camera's axis, and are read as distances along the ray; write "
+            f"{scene.path}: its depth files agree with each other as z along the camera's axis, "
+            "and are read as distances along the ray; write "
             '"depth_along": "z" into transforms.json'
         )
     for found in check_depths(scene, None) if depth else ():
@@ -52,10 +52,10 @@ def check_maps(scene: Scene, options: TrainOptions) -> None:
 
 
 def has_z_depths(scene: Scene) -> bool:
-    """Returns whether depth files hold z instead of distances, judged by the scene's points.
+    """Returns whether depth files hold z instead of distances, judged by each other.
 
-    Without points, each view's depths are compared with those of the view before. They agree as z
-    and not as distances, off the axis, where the two differ.
+    Each view's depths are compared with those of the view before. They agree as z and not as
+    distances, off the axis, where the two differ. Where a scene has points, `check_depths` decides.
     """
     as_distance, as_z = (_measure_disagreement(scene, is_z) for is_z in (False, True))
     return as_z < _AGREES and as_z * _WORSE < as_distance
@@ -63,7 +63,7 @@ def has_z_depths(scene: Scene) -> bool:
 
 def _measure_disagreement(scene: Scene, is_z: bool) -> float:
     """Returns the median relative error of depth files, read as distances or z; 0 if unknown."""
-    logs, points = [np.zeros(0)], scene.points
+    logs, before = [np.zeros(0)], np.zeros((0, 3))
     for view in scene.train_indices:
         depth = read_depth(scene, view)
         if depth is None:
@@ -72,15 +72,14 @@ def _measure_disagreement(scene: Scene, is_z: bool) -> float:
         cosine = np.asarray(camera.rays()[0])[..., 2]
         with np.errstate(divide="ignore", invalid="ignore"):
             depth = np.where(cosine > 0, depth / (cosine if is_z else 1.0), np.nan)
-            if len(points):
-                places, distances = find_visible_points(scene, view, points)
+            if len(before):
+                places, distances = find_visible_points(scene, view, before)
                 columns, rows = (places * depth.shape[::-1]).astype(np.int64).T
                 log = np.log(depth[rows, columns] / distances)
                 logs.append(log[np.isfinite(log) & (cosine[rows, columns] < _NEAR_AXIS)])
-        if not len(scene.points):
-            cloud = Cloud()
-            cloud.add(DepthMap(camera, motion, np.where(depth > 0, depth, np.nan)))
-            points = cloud.to_mesh().vertices if len(cloud) else points
+        cloud = Cloud()
+        cloud.add(DepthMap(camera, motion, np.where(depth > 0, depth, np.nan)))
+        before = cloud.to_mesh().vertices if len(cloud) else before
     errors = np.abs(np.concatenate(logs))
     return float(np.median(errors)) if len(errors) >= _FEWEST_POINTS else 0.0
 
