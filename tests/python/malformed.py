@@ -183,7 +183,6 @@ READERS = {
     "large PLY": Reader(_make_scene(".ply"), lambda path: formats.open_ply(path, 10_000)),
     "mesh PLY": Reader(_make_mesh(".ply"), load_mesh, _is_mesh),
     "mesh text PLY": Reader(_make_text_mesh, load_mesh, _is_mesh),
-    "mesh OFF": Reader(_make_mesh(".off"), load_mesh, _is_mesh),
     "mesh OBJ": Reader(_make_mesh(".obj"), load_mesh, _is_mesh),
     "points": Reader(_make_points, lambda path: find_usable_points(load_points_ply(path)[0])),
     **{

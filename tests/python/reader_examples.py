@@ -269,7 +269,7 @@ EXAMPLES: dict[str, Make] = {
     "large PLY of Gaussians": write_by(
         "large.ply", write_scene, lambda file: formats.open_ply(file, 10_000)
     ),
-    "mesh": write_by("m.off", write_mesh, load_mesh),
+    "mesh": write_by("m.obj", write_mesh, load_mesh),
     "Gyroflow's log": write_by(
         "film.gcsv",
         lambda file: file.write_text("GYROFLOW IMU LOG\nversion,1.3\nt,gx,gy,gz\n0,1,2,3\n"),

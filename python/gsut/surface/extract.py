@@ -14,7 +14,6 @@ from gsut.data.poses import find_centers
 from gsut.render import render, render_surface, to_uint8
 from gsut.run import check_fits, free_memory
 from gsut.surface.depth_map import DepthMap, list_views
-from gsut.surface.fit import fit_mesh
 from gsut.surface.mesh import Mesh
 from gsut.surface.rays import cast_onto
 from gsut.surface.stereo import DepthRefiner
@@ -39,7 +38,7 @@ _BEHIND = 2.0  # voxels that a coloured point may lie behind a view's surface
 # What each number may be, both ends allowed but for the 0 of lengths.
 _RANGES = (
     ("voxel", 0, None), ("truncation", 0, None), ("support", 0, _NEIGHBOURS), ("max_side", 1, None),
-    ("parts", 1, None), ("faces", 1, None), ("holes", 0, None), ("fit", 0, None),
+    ("parts", 1, None), ("faces", 1, None), ("holes", 0, None),
 )  # fmt: skip
 
 
@@ -62,8 +61,6 @@ class MeshOptions:
         parts: number of largest connected parts to keep; None: all of a thousandth of the faces.
         faces: number to reduce to, about.
         holes: longest edge of the mesh that is closed, in faces along it; 0: none is.
-        fit: rounds in which vertices move so that the mesh, drawn without blending, is most like
-            the images; 0: only colours are fitted; None: colours are means.
         crop: (2, 3) corners of a box in the dataset's coordinates, outside of which nothing stays.
     """
 
@@ -78,7 +75,6 @@ class MeshOptions:
     parts: int | None = None
     faces: int | None = None
     holes: int = 0
-    fit: int | None = None
     crop: np.ndarray | None = None
 
     def __post_init__(self) -> None:
@@ -221,12 +217,10 @@ def fuse_depth(
         The mesh, with colours if maps have images.
 
     Raises:
-        InputError: an option out of range, no view, no surface, one of more voxels than memory
-            holds, or a fit to maps without images.
+        InputError: an option out of range, no view, no surface, or one of more voxels than memory
+            holds.
     """
-    o, given = options or MeshOptions(), maps
-    if o.fit is not None and any(m.image is None for m in maps):
-        raise InputError("a mesh is fitted to images; give every depth map one, or leave fit out")
+    o = options or MeshOptions()
     maps = keep_agreeing(maps, o.support, progress)
     places, centers = _place_cameras(maps)
     center = centers.mean(axis=0)
@@ -255,10 +249,7 @@ def fuse_depth(
         colors = views.colors(mesh.vertices, reach)
         gray = np.float32(0.5)
         mesh = dataclasses.replace(mesh, colors=np.where(np.isnan(colors), gray, colors))
-    mesh = mesh if o.faces is None else mesh.reduce(o.faces)
-    if o.fit is None or not len(mesh):
-        return mesh
-    return fit_mesh(mesh, given, o.fit, lambda *done: progress("fit", *done))
+    return mesh if o.faces is None else mesh.reduce(o.faces)
 
 
 def _shrink_lens(camera: Any, most: int) -> Any:

@@ -1,4 +1,4 @@
-"""Meshes in files: PLY, OFF, OBJ and GLB out; PLY, OFF and OBJ in."""
+"""Meshes in files: PLY, OBJ and GLB out; PLY and OBJ in."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def save_mesh(path: str | os.PathLike[str], mesh: Mesh) -> None:
     """Writes a mesh with normals and colours, in the dataset's coordinates and axes.
 
     Args:
-        path: .ply (binary), .off, .obj or .glb. In a .glb the vertices lie about their middle,
+        path: .ply (binary), .obj or .glb. In a .glb the vertices lie about their middle,
             which is the node's translation; colours are linear there, as glTF wants them.
         mesh: what to write.
 
@@ -51,7 +51,7 @@ def check_mesh_name(path: str | os.PathLike[str]) -> None:
 
 
 def _choose_writer(path: Path) -> Callable[[Mesh], bytes]:
-    writers = {".ply": _write_ply, ".off": _write_off, ".obj": _write_obj, ".glb": _write_glb}
+    writers = {".ply": _write_ply, ".obj": _write_obj, ".glb": _write_glb}
     if path.suffix.lower() not in writers:
         raise InputError(f"{path}: meshes are written as {', '.join(writers)}")
     return writers[path.suffix.lower()]
@@ -89,19 +89,6 @@ def _write_ply(mesh: Mesh) -> bytes:
         *(f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header"),
     ]
     return ("\n".join(header) + "\n").encode() + rows.tobytes() + faces.tobytes()
-
-
-def _write_off(mesh: Mesh) -> bytes:
-    tail = [""] * len(mesh.vertices)
-    if mesh.colors is not None:
-        tail = [" {} {} {} 255".format(*color) for color in _to_levels(mesh.colors)]
-    rows = ["OFF" if mesh.colors is None else "COFF", f"{len(mesh.vertices)} {len(mesh.faces)} 0"]
-    rows += [
-        "{:.9g} {:.9g} {:.9g}".format(*vertex) + color
-        for vertex, color in zip(mesh.vertices, tail, strict=True)
-    ]
-    rows += ["3 {} {} {}".format(*face) for face in mesh.faces]
-    return ("\n".join(rows) + "\n").encode()
 
 
 def _write_obj(mesh: Mesh) -> bytes:
@@ -166,23 +153,22 @@ def _write_glb(mesh: Mesh) -> bytes:
     )
 
 
-@register_reader("mesh", ".ply", ".off", ".obj")
+@register_reader("mesh", ".ply", ".obj")
 def load_mesh(path: str | os.PathLike[str]) -> Mesh:
     """Reads a mesh, or a cloud of points, with the colours of its vertices.
 
     Args:
-        path: .ply, .off or .obj; faces of more corners are cut
-            into triangles from their first.
+        path: .ply or .obj; faces of more corners are cut into triangles from their first.
 
     Returns:
         The mesh; of a cloud without faces. Colours are those of `save_mesh`: 8 bits a channel in
-        .ply and .off, fractions in .obj; a text .ply is read without.
+        .ply, fractions in .obj; a text .ply is read without.
 
     Raises:
         InputError: the file is absent, damaged or of another format.
     """
     path = Path(path)
-    readers = {".ply": _read_ply, ".off": _read_off, ".obj": _read_obj}
+    readers = {".ply": _read_ply, ".obj": _read_obj}
     if path.suffix.lower() not in readers:
         raise InputError(f"{path}: meshes are read from {', '.join(readers)}")
     content = read_bytes(path)
@@ -212,23 +198,6 @@ def _take_list(words: Sequence[bytes | str], at: int) -> tuple[np.ndarray, int]:
         raise ValueError(f"a list of {size} entries, and {len(words) - at - 1} are there")
     end = at + 1 + size
     return np.array([int(word) for word in words[at + 1 : end]], np.int64), end
-
-
-def _read_off(path: Path, content: bytes) -> Mesh:
-    lines = [line.split("#")[0].split() for line in content.decode().splitlines()]
-    lines = [words for words in lines if words]
-    if not lines or not lines[0][0].endswith("OFF"):
-        raise ValueError("it does not start with OFF")
-    head = lines[0][1:] or lines[1]  # the counts may stand on the first line
-    count, faces = int(head[0]), int(head[1])
-    rows = lines[1 if len(lines[0]) > 1 else 2 :]
-    if min(count, faces) < 0 or len(rows) < count + faces:
-        raise ValueError(f"{len(rows)} rows for {count} vertices and {faces} faces")
-    vertices = np.array([row[:3] for row in rows[:count]], np.float64).reshape(-1, 3)
-    polygons = [_take_list(row, 0)[0] for row in rows[count : count + faces]]
-    colored = lines[0][0] == "COFF" and count > 0
-    levels = np.array([row[3:6] for row in rows[:count]], np.float32) if colored else None
-    return Mesh(vertices, _read_triangles(polygons), _from_levels(levels))
 
 
 def _read_obj(path: Path, content: bytes) -> Mesh:
