@@ -123,9 +123,7 @@ def _judge_opaque(mesh: Mesh, scene: gsut.Scene, scale: float, data: Path) -> Ro
     return {**row, "opaque": float(np.mean(found))}
 
 
-def _draw_faces(
-    mesh: Mesh, faces: np.ndarray, origins: np.ndarray, rays: np.ndarray
-) -> np.ndarray:
+def _draw_faces(mesh: Mesh, faces: np.ndarray, origins: np.ndarray, rays: np.ndarray) -> np.ndarray:
     """Draws the colours (N, 3) of the faces (N,) that rays meet."""
     corners = mesh.vertices[mesh.faces[faces]] - origins[:, None]
     turned = np.cross(corners[:, (1, 2, 0)], corners[:, (2, 0, 1)])

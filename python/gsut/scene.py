@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import functools
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -158,8 +157,7 @@ def _find_poses(
 ) -> tuple[dict[str, Any], float]:
     """Finds poses and lens; returns the content of poses.json and the seconds taken here."""
     o, out = folder.options, folder.poses
-    options = PosesOptions(fov=o.fov, shutter=o.shutter, keep_all_pixels=o.keep_all_pixels)
-    options = add_lens_readout(options, o.camera, pictures.figures)
+    options = add_lens_readout(PosesOptions(fov=o.fov), o.camera, pictures.figures)
     done = read_finished(pictures.path, out, o.camera, options)
     if done is not None:
         return done, 0.0
@@ -185,9 +183,8 @@ def _announce(options: SceneOptions, pictures: Capture) -> str:
 
 
 def _make_training_options(options: SceneOptions) -> TrainOptions:
-    o = options
-    make = functools.partial(TrainOptions, preset=o.preset, keep_all_pixels=o.keep_all_pixels)
-    return make() if o.steps is None else make(steps=o.steps)
+    o = TrainOptions(preset=options.preset)
+    return o if options.steps is None else TrainOptions(preset=options.preset, steps=options.steps)
 
 
 def _train(

@@ -26,7 +26,6 @@ from gsut.capture.exif import read_facts
 from gsut.capture.track import read_film_facts
 from gsut.capture.turns import read_gcsv
 from gsut.capture.video import Video
-from gsut.cli.edit import _read_undo
 from gsut.data.capture_file import read_capture
 from gsut.data.errors import raise_error
 from gsut.data.images.decode import decode_mask, read_header
@@ -230,9 +229,6 @@ EXAMPLES: dict[str, Make] = {
             "do": "select", "camera_from_world": POSE, "points": [[1, 2], [3, 4], [5, 1]],
             "lens": {"model": "pinhole", "params": [9.0, 9.0, 8.0, 8.0], "width": 16, "height": 16},
         }]}, read_edits,
-    ),
-    "transforms of nerfstudio's trainings": write_values(
-        "dataparser_transforms.json", {"transform": POSE[:3], "scale": 0.5}, _read_undo
     ),
     "what was lifted": write_by(
         "l.npz",

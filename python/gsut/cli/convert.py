@@ -34,11 +34,6 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     parser.add_argument("out", metavar="OUT", help="the file to write; its suffix says the format")
     parser.add_argument(
-        "--three-scales", action="store_true",
-        help="of a .ply of surfels: with a third scale, as programs need it that know no 2DGS "
-        "[default: as 2DGS, without]",
-    )  # fmt: skip
-    parser.add_argument(
         "--for", choices=("gsut", "viewers"), default="gsut", dest="reader",
         help="viewers: fine-tune a run's scene so that viewers, which draw every Gaussian affinely "
         "and 0.3 pixels wider, show it as gsut does; gsut itself then shows it a little thinner "
@@ -94,7 +89,7 @@ def run(arguments: argparse.Namespace) -> int:
     check_room("converting", [gaussians], _WORKING)
     if arguments.reader == "viewers":
         gaussians, tuning = _tune_for_viewers(arguments)
-    settings = WriteSettings(antialiased=found.antialiased, three_scales=arguments.three_scales)
+    settings = WriteSettings(antialiased=found.antialiased)
     figures = {
         "source": str(path),
         "source_bytes": _count_bytes(path),
@@ -124,10 +119,8 @@ def _write_stream(arguments: argparse.Namespace, out: Path) -> int:
     from gsut.training import load_run
     from gsut.training.tuning import make_levels
 
-    if arguments.reader == "viewers" or arguments.three_scales:
-        raise InputError(
-            "levels hold the scene as gsut draws it; leave --for viewers and --three-scales out"
-        )
+    if arguments.reader == "viewers":
+        raise InputError("levels hold the scene as gsut draws it; leave --for viewers out")
     if out.suffix.lower() in FILE_SUFFIXES:
         raise InputError(f"{out}: --stream writes a folder; give a name without {out.suffix}")
     if not (Path(arguments.source) / RunFile.OPTIONS).is_file():

@@ -26,7 +26,6 @@ from gsut.metrics import (
 from gsut.orientation import turn_picture
 from gsut.render import (
     Light,
-    PixelFilter,
     compute_field_angles,
     name_pictures,
     render,
@@ -54,7 +53,6 @@ def evaluate(
     *,
     background: Sequence[float] | None = (0.0, 0.0, 0.0),
     light: Light | None = None,
-    pixels: PixelFilter | None = None,
     find_moving: FindMoving | None = None,
     render_folder: Path | None = None,
     on_view: Callable[[int, int], None] | None = None,
@@ -69,7 +67,6 @@ def evaluate(
         background: colour behind the Gaussians, 3 values in [0, 1]; None: see `render`.
         light: exposure of the views and falloff of the cameras, by which renders are multiplied
             before they are compared; None: 1.
-        pixels: of the Gaussians, where the scene is at another size than they were trained at.
         find_moving: returns what moved in a view; None: nothing did.
         render_folder: an existing folder that gets NAME_truth.png and NAME_render.png (8 bit,
             masked pixels black) and NAME_depth.png (16 bit; distance = value x `depth_unit` of the
@@ -117,7 +114,7 @@ def evaluate(
     with concurrent.futures.ThreadPoolExecutor(threads) as pool:
         for first in range(0, len(indices), threads):
             some = list(indices[first : first + threads])
-            drawn = [_render_alone(scene, index, gaussians, pixels, background) for index in some]
+            drawn = [_render_alone(scene, index, gaussians, background) for index in some]
             stems_of = stems[first : first + threads]
             for row in pool.map(compare, some, stems_of, *zip(*drawn, strict=True)):
                 rows.append(row)
@@ -156,15 +153,13 @@ def _summarize_detail(views: list[dict[str, Any]]) -> dict[str, Any]:
 def _render_alone(
     scene: Any,
     index: int,
-    packed: Any,
-    pixels: PixelFilter | None,
+    gaussians: Any,
     background: Sequence[float] | None,
 ) -> tuple[Any, float]:
     """Renders a view while nothing else runs, and measures the milliseconds."""
     view, camera = scene.views[index], scene.camera(index)
     started = time.perf_counter()
-    drawn = packed if pixels is None else pixels.widen(camera, view.motion)
-    rendered = render(drawn, camera, view.motion, background=background)
+    rendered = render(gaussians, camera, view.motion, background=background)
     return rendered, 1e3 * (time.perf_counter() - started)
 
 

@@ -124,9 +124,7 @@ def find_poses(
         SolveError: nothing could be reconstructed: no overlap, images all the same, or a camera
             that only turned; says which.
     """
-    return run_mapping(
-        images, out, start_mapping(images, camera, options, log), _map
-    )
+    return run_mapping(images, out, start_mapping(images, camera, options, log), _map)
 
 
 def run_mapping(
@@ -148,9 +146,8 @@ def run_mapping(
     """
     with claim_folder(out, "poses", images) as claimed:
         stages = Stages(claimed.path, _make_key(mapping, claimed.path))
-        if not mapping.options.keep_all_pixels:
-            masked = mask_fixed_pixels(mapping.photographs, claimed.path, mapping.log.note)
-            mapping = mapping.replace(photographs=masked)
+        masked = mask_fixed_pixels(mapping.photographs, claimed.path, mapping.log.note)
+        mapping = mapping.replace(photographs=masked)
         with _set_threads(mapping.options.threads):
             mapping = find(_find_matches(mapping, stages))
             mapping.log.watch.record_lap("mapping")

@@ -329,25 +329,17 @@ def test_render_of_a_file_of_gaussians_needs_no_run(tmp_path):
     assert all(image.any() for image in images)
 
 
-def test_render_draws_in_the_order_that_was_chosen(tmp_path, monkeypatch):
+def test_render_of_depths_of_a_model_along_the_ray_draws_by_the_distance(tmp_path, monkeypatch):
     path, orders, render = tmp_path / "scene.ply", [], gsut.render
     monkeypatch.setattr(
-        gsut, "render", lambda *a, **k: orders.append(k["order"]) or render(*a, **k)
+        gsut, "render", lambda g, *a, **k: orders.append(g.order) or render(g, *a, **k)
     )
-    gsut.formats.save_ply(path, small_run.GAUSSIANS[:20])
-    words = ["render", str(path), "--frames", "1", "--size", "20x15"]
-    assert main([*words, "--order", "ray", "-o", str(tmp_path / "out")]) == 0
-    assert orders == ["ray"]
-
-
-def test_render_of_depths_of_a_model_along_the_ray_says_which_order_has_them(tmp_path, capsys):
-    path = tmp_path / "scene.ply"
     gsut.formats.save_ply(path, dataclasses.replace(small_run.GAUSSIANS[:20], order="ray"))
-    words = ["render", str(path), "--frames", "1", "--size", "20x15", "--depth", "ray", "-o"]
-    assert main([*words, str(tmp_path / "out")]) == 2
-    assert "order along the ray: give --order distance, or take" in capsys.readouterr().err
-    assert not (tmp_path / "out").exists()
-    assert main([*words, str(tmp_path / "out"), "--order", "distance"]) == 0
+    words = ["render", str(path), "--frames", "1", "--size", "20x15", "-o"]
+    assert main([*words, str(tmp_path / "images")]) == 0
+    assert main([*words, str(tmp_path / "depths"), "--depth", "ray"]) == 0
+    assert orders == ["ray", "distance"]
+    assert (tmp_path / "depths" / "depth" / "00000.npy").is_file()
 
 
 def test_render_along_the_path_of_a_screenshot_uses_its_lens(run, tmp_path):

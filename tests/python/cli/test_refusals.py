@@ -67,8 +67,6 @@ REFUSED = {
     "convert in.ply k.gif": "no format to write has this suffix",
     "edit in.ply -o k.gif": "no format to write has this suffix",
     # flags that contradict each other
-    "render run --order ray --depth z": "or take --depth-kind mean",
-    "render run --order ray --confidence": "not drawn by --order ray",
     "train data -o new --serve 127.0.0.1:0": "add --view",
 }  # fmt: skip
 

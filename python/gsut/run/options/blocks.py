@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from pathlib import Path
 
 from gsut._core import InputError
@@ -11,11 +12,11 @@ from gsut.run.options.fields import (
     define_option,
     describe_options,
     list_words,
-    parse_size,
 )
 
 # Most blocks of a scene: their tasks are kept in one table and one folder.
 MOST_BLOCKS = 4096
+_UNITS = {"B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9}
 
 
 @describe_options
@@ -71,5 +72,15 @@ class BlockOptions:
         return blocks + list_words(self, BlockOptions(), ("blocks", *but))
 
     def parse_memory(self) -> int | None:
-        """Returns --memory in bytes; None: not given."""
-        return None if self.memory is None else parse_size(self.memory, "--memory")
+        """Returns --memory in bytes, such as 8GB or 123456; None: not given."""
+        if self.memory is None:
+            return None
+        text = self.memory.strip().upper()
+        number = text.rstrip("BKMG")
+        try:
+            size = float(number) * _UNITS[text[len(number) :] or "B"]
+        except (ValueError, KeyError):
+            raise InputError(f"--memory must be like 8GB or 800MB, found {self.memory!r}") from None
+        if not (math.isfinite(size) and size >= 1):
+            raise InputError(f"--memory must be a positive size, found {self.memory!r}")
+        return int(size)

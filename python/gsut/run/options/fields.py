@@ -15,7 +15,6 @@ from gsut._core import InputError
 from gsut.bounds import MOST_WHOLE
 
 _MOST_SHOWN = 80  # characters of a value that is refused
-_UNITS = {"B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -226,20 +225,3 @@ def _describe_kind(kind: Any, info: OptionInfo) -> str:
         return f"{len(entries)} numbers" + words
     names = {int: "a whole number", float: "a number", bool: "true or false", str: "a word"}
     return names[kind] + words
-
-
-def parse_size(text: str, flag: str = "--target-size") -> int:
-    """Reads the bytes of a size such as 5MB, 800kB or 123456.
-
-    Raises:
-        InputError: not a size; names `flag`.
-    """
-    number = text.strip().upper().rstrip("BKMG")
-    unit = text.strip().upper()[len(number) :] or "B"
-    try:
-        size = float(number) * _UNITS[unit]
-    except (ValueError, KeyError):
-        raise InputError(f"{flag} must be like 5MB or 800kB, found {text!r}") from None
-    if not (math.isfinite(size) and size >= 1):
-        raise InputError(f"{flag} must be a positive size, found {text!r}")
-    return int(size)
