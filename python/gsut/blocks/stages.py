@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from gsut import _core
-from gsut.blocks.block_map import write_map
 from gsut.blocks.board import Board, Counter
 from gsut.blocks.cluster import Cluster
 from gsut.blocks.coarse import Coarse, train_coarse
@@ -135,11 +134,7 @@ class Stages:
         """Returns the number of blocks; a resumed run keeps its own."""
         plan = read_plan(self._run) or {}
         if "count" not in plan:
-            layout = self._run.path / _LAYOUT  # given by the user
-            if layout.is_file():
-                plan["count"] = len(Layout.read(str(layout)))
-            else:
-                plan["count"] = choose_count(self._scene, self._options, self._blocks)
+            plan["count"] = choose_count(self._scene, self._options, self._blocks)
             self._run.write_json(RunFile.PLAN, plan)
         return int(plan["count"])
 
@@ -290,7 +285,6 @@ class Stages:
         self._complexity.add_to(metrics)
         if self.coarse.figures is not None:
             metrics["refinement"] = self.coarse.figures
-        write_map(self._folder, *self._store.sample(self._turn), scene)
         metrics["blocks"] = {
             "count": len(self.layout), "rounds": ROUNDS,
             "workers": self._blocks.workers, "rows": rows, "stages": self.clock.rows,

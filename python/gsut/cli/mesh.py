@@ -59,9 +59,6 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="box in the dataset's coordinates outside of which nothing stays",
     )
     parser.add_argument(
-        "--faces", type=count, metavar="N", help="reduce to about N faces (needs gsut[mesh])"
-    )
-    parser.add_argument(
         "--refine", action="store_true",
         help="move each depth to where windows of the photographs correlate best, and again from "
         "the mesh that these give",
@@ -101,7 +98,6 @@ def run(arguments: argparse.Namespace) -> int:
         refine=arguments.refine,
         max_side=arguments.max_side,
         photographs=arguments.photographs,
-        faces=arguments.faces,
         holes=arguments.holes,
         crop=None if arguments.crop is None else np.array(arguments.crop),
     )

@@ -94,10 +94,7 @@ def _read_block_options(run: RunFolder, arguments: argparse.Namespace) -> BlockO
     given = collect_given(BlockOptions, arguments)
     plan = read_plan(run) if arguments.resume else None
     if plan is not None:
-        before = plan["blocks"]
-        layout = str(run.path / RunFile.BLOCKS / "layout.json")
-        kept = {"blocks": before if isinstance(before, str) else layout}
-        given = kept | given
+        given = {"blocks": plan["blocks"]} | given
     elif arguments.resume and given and run.has_run():
         raise InputError(f"{run.path} was not started in blocks; leave --{next(iter(given))} out")
     if not given:

@@ -19,9 +19,8 @@ from gsut.evaluate.report_plots import (
     plot_reliability,
     plot_rings,
 )
-from gsut.files import read_bytes, read_package_file, read_picture
+from gsut.files import read_package_file, read_picture
 from gsut.page import (
-    embed_bytes,
     embed_picture,
     format_duration,
     format_number,
@@ -93,7 +92,6 @@ def write_report(run: RunFolder) -> Path:
         light_plots=plot_light(metrics["light"]) if "light" in metrics else [],
         confidence=_describe_confidence(run.path / RunFile.CONFIDENCE),
         settings=_list_settings(options),
-        block_map=_embed_block_map(run.path / RunFile.BLOCKS / "map.svg"),
         title=_choose_title(run, metrics),
         page=RunFile.PAGE if (run.path / RunFile.PAGE).is_file() else None,
     )
@@ -266,11 +264,6 @@ def _read(path: Path) -> np.ndarray:
     if image is None:
         raise InputError(f"{path} is not a readable picture; evaluate the run again")
     return cv2.cvtColor(image, cv2.COLOR_BGR2RGB) if image.ndim == 3 else image
-
-
-def _embed_block_map(path: Path) -> str | None:
-    """Returns the map of a training in blocks as a data address; None if there is none."""
-    return embed_bytes(read_bytes(path), "image/svg+xml") if path.is_file() else None
 
 
 def _embed(image: np.ndarray) -> str:

@@ -32,13 +32,14 @@ _REFINE_BYTES = 20  # more of one that is refined: normal, grey value, a second 
 _NEAR = 0.05  # of the distance: where a mesh takes the place of a depth that it was made of
 _LENS_BYTES = 25  # of a pixel of a lens
 _SAMPLED = 20_000  # points that measure a scene's size
+_SMALL_PART = 1e-3  # of the faces: connected parts below are left out
 _BEHIND = 2.0  # voxels that a coloured point may lie behind a view's surface
 
 
 # What each number may be, both ends allowed but for the 0 of lengths.
 _RANGES = (
     ("voxel", 0, None), ("truncation", 0, None), ("support", 0, _NEIGHBOURS), ("max_side", 1, None),
-    ("parts", 1, None), ("faces", 1, None), ("holes", 0, None),
+    ("holes", 0, None),
 )  # fmt: skip
 
 
@@ -58,8 +59,6 @@ class MeshOptions:
             second time from the mesh that the moved depths give.
         max_side: of the depth maps, pixels: larger images are rendered at this size.
         photographs: colours from the photographs in place of the renders.
-        parts: number of largest connected parts to keep; None: all of a thousandth of the faces.
-        faces: number to reduce to, about.
         holes: longest edge of the mesh that is closed, in faces along it; 0: none is.
         crop: (2, 3) corners of a box in the dataset's coordinates, outside of which nothing stays.
     """
@@ -72,8 +71,6 @@ class MeshOptions:
     refine: bool = False
     max_side: int = 1024
     photographs: bool = False
-    parts: int | None = None
-    faces: int | None = None
     holes: int = 0
     crop: np.ndarray | None = None
 
@@ -236,7 +233,7 @@ def fuse_depth(
     mesh = Mesh(vertices, faces)
     if o.crop is not None:
         mesh = mesh.crop(*np.sort(np.asarray(o.crop, np.float64).reshape(2, 3), axis=0))
-    mesh = mesh.without_small_parts(1e-3) if o.parts is None else mesh.keep_largest_parts(o.parts)
+    mesh = mesh.without_small_parts(_SMALL_PART)
     if not len(mesh):
         inside = "" if o.crop is None else " inside the box of --crop"
         raise InputError(
@@ -249,7 +246,7 @@ def fuse_depth(
         colors = views.colors(mesh.vertices, reach)
         gray = np.float32(0.5)
         mesh = dataclasses.replace(mesh, colors=np.where(np.isnan(colors), gray, colors))
-    return mesh if o.faces is None else mesh.reduce(o.faces)
+    return mesh
 
 
 def _shrink_lens(camera: Any, most: int) -> Any:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from pathlib import Path
 
 from gsut._core import InputError
 from gsut.run.options.fields import (
@@ -31,7 +30,7 @@ class BlockOptions:
     # fmt: off
     blocks: str = define_option(
         "auto", "Blocks", "train the scene in blocks, in less memory and on many machines: their "
-        "number; auto: as few as --memory allows; or a layout.json (see docs/blocks.md)",
+        "number; auto: as few as --memory allows",
     )
     memory: str | None = define_option(
         None, "Blocks", "memory that the training may use, such as 8GB; on a cluster: per node",
@@ -51,19 +50,15 @@ class BlockOptions:
         object.__setattr__(self, "blocks", str(self.blocks))
         check_options(self)
         self.parse_memory()
-        if self.count() is None and self.blocks != "auto" and not Path(self.blocks).is_file():
-            raise InputError(
-                f"--blocks {self.blocks}: neither auto, nor a number from 1 to {MOST_BLOCKS}, nor "
-                "an existing layout.json"
-            )
+        self.count()
 
     def count(self) -> int | None:
-        """Returns the number of blocks requested; None: auto, or given by a file."""
-        if not self.blocks.isdecimal():
+        """Returns the number of blocks requested; None: auto."""
+        if self.blocks == "auto":
             return None
-        number = int(self.blocks)
+        number = int(self.blocks) if self.blocks.isdecimal() else 0
         if not 1 <= number <= MOST_BLOCKS:
-            raise InputError(f"--blocks {number}: from 1 to {MOST_BLOCKS}")
+            raise InputError(f"--blocks {self.blocks}: auto, or a number from 1 to {MOST_BLOCKS}")
         return number
 
     def list_words(self, *but: str) -> list[str]:

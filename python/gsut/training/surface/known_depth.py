@@ -13,7 +13,7 @@ import numpy as np
 from gsut._core import InputError
 from gsut.check import check_depths
 from gsut.data import Scene
-from gsut.data.scene import find_bad_maps, find_visible_points, read_depth
+from gsut.data.scene import find_bad_depths, find_visible_points, read_depth
 from gsut.run import TrainOptions
 from gsut.surface import Cloud, DepthMap
 
@@ -35,19 +35,20 @@ def anneal(fraction: float) -> float:
 
 
 def check_maps(scene: Scene, options: TrainOptions) -> None:
-    """Raises the InputError of the first depth or normal file that the training would stop at."""
+    """Raises the InputError of the first depth file that the training would stop at."""
     if not options.surface and len(scene.points):
         return  # it starts from points and does not look at files
-    depth = KnownDepth(scene, options.known_depth).source == "files"
-    for error in find_bad_maps(scene, depth, options.surface):
+    if KnownDepth(scene, options.known_depth).source != "files":
+        return
+    for error in find_bad_depths(scene):
         raise error
-    if depth and not len(scene.points) and has_z_depths(scene):
+    if not len(scene.points) and has_z_depths(scene):
         raise InputError(
             f"{scene.path}: its depth files agree with each other as z along the camera's axis, "
             "and are read as distances along the ray; write "
             '"depth_along": "z" into transforms.json'
         )
-    for found in check_depths(scene, None) if depth else ():
+    for found in check_depths(scene, None):
         raise InputError(f"{found.where}: {found.what}; {found.advice}")
 
 
