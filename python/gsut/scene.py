@@ -164,8 +164,7 @@ def _find_poses(
     if is_finished(out):
         bars.note("poses are found again: those in the folder are of other pictures")
     bars.note(_announce(o, pictures))
-    bars.plan(_make_training_options(o).steps, "training")
-    with contextlib.closing(StageFollower(bars, len(pictures.figures["frames"]))) as stages:
+    with contextlib.closing(StageFollower(bars)) as stages:
         show_poses = None if watcher is None else watcher.show_poses
         log = PosesLog(stages.show, bars.note, stages.expect, show_poses)
         figures = find_poses(pictures.path, out, camera=o.camera, options=options, log=log).figures

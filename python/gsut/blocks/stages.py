@@ -45,7 +45,7 @@ from gsut.run import (
     read_plan,
 )
 from gsut.system import rename_over
-from gsut.training.first import choose_complexity, find_plain_background
+from gsut.training.first import choose_number, find_plain_background
 from gsut.training.record import (
     TrainedRun,
     describe_place,
@@ -120,8 +120,9 @@ class Stages:
         self._engine = engine
         if options.background is None:
             options = dataclasses.replace(options, background=find_plain_background(scene))
-        self._complexity = choose_complexity(scene, options, degree_because=degree_because)
-        self._options = dataclasses.replace(options, max_gaussians=self._complexity.max_gaussians)
+        number, self._notes = choose_number(scene, options)
+        self._notes += [degree_because] if degree_because else []
+        self._options = dataclasses.replace(options, max_gaussians=number)
         self._scene = scene
         self._folder = run.path / RunFile.BLOCKS
         self.clock = StageClock(run)
@@ -282,7 +283,7 @@ class Stages:
             TrainedRun(o, scene, self._open_scene(), self.coarse.light), chosen, self._run,
             steps=steps, train_seconds=seconds, align=o.refine_poses,
         )  # fmt: skip
-        self._complexity.add_to(metrics)
+        metrics["notes"] += self._notes
         if self.coarse.figures is not None:
             metrics["refinement"] = self.coarse.figures
         metrics["blocks"] = {

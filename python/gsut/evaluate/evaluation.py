@@ -239,6 +239,7 @@ def run_metrics(
         "psnr": evaluation["psnr"],
         "ssim": evaluation["ssim"],
         "num_gaussians": len(gaussians),
+        "sh_degree": gaussians.sh_degree,
         "steps": steps,
         "train_seconds": train_seconds,
         "seconds_per_step": train_seconds / steps if steps else None,

@@ -192,7 +192,7 @@ def test_memory_decides_the_number_of_blocks_and_refuses_what_does_not_fit(scene
 @pytest.mark.parametrize(
     ("flags", "words"),
     [
-        (["--blocks", "0"], "--blocks 0: from 1"),
+        (["--blocks", "0"], "--blocks 0: auto, or a number from 1"),
         (["--blocks", "none.json"], "--blocks none.json: auto, or a number"),
         (["--blocks", "2", "--memory", "much"], "--memory must be like"),
         (["--workers", "2"], "--workers is for a training in --blocks"),

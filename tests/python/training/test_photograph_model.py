@@ -16,7 +16,7 @@ from gsut.render import (
     compute_field_angles,
 )
 from gsut.run import RunFolder
-from gsut.training.first import interpolate_gains
+from gsut.training.photograph.gains_in_time import interpolate_gains
 from gsut.training.photograph.photograph_model import PhotographModel
 from rendered_dataset import VIEWS, write_dataset
 from room_dataset import write_room

@@ -23,7 +23,7 @@ from gsut.run.options.fields import (
 from gsut.run.options.primitives import OTHER_PRIMITIVES, check_rule
 from gsut.run.options.recipe import PRESETS, Recipe, get_preset, make_recipe
 
-# --max-gaussians auto: see gsut.training.complexity.
+# --max-gaussians auto: see gsut.training.first.complexity.
 AUTO = "auto"
 # Directions of a rolling shutter other than from the top down.
 READOUTS = ("bottom_to_top", "left_to_right", "right_to_left")
