@@ -190,7 +190,7 @@ EXAMPLES: dict[str, Make] = {
     ),
     "confidence": write_by("b.npz", lambda file: make_confidence().save(file), Confidence.load),
     "dataset": write_dataset,
-    "depths and normals": write_by("d.npy", lambda f: np.save(f, np.ones((3, 4))), _load_numbers),
+    "depths": write_by("d.npy", lambda f: np.save(f, np.ones((3, 4))), _load_numbers),
     "facts of a photograph": write_by("a.jpg", write_picture, read_facts),
     "header of a picture": write_by("a.png", write_picture, read_header),
     "history of a run": write_by(
