@@ -127,7 +127,7 @@ class TrainingLoop:
         self.refiner = TrainingRefiner(self.views, options, tracks, moving) if refine else None
         self.drawing = Drawing(context)
         self.photographs = PhotographModel(scene, options, light)
-        self.surface = SurfaceTerms(SurfaceWeights(), scene, options.known_depth) if flat else None
+        self.surface = SurfaceTerms(SurfaceWeights(), scene) if flat else None
         self._mean = TrajectoryMean(is_flat)
 
     @property

@@ -62,7 +62,7 @@ def choose_first_gaussians(scene: Scene, options: TrainOptions) -> tuple[Gaussia
     found = _find_points_to_seed(scene, options, 0 if sky is None else len(sky[0]))
     notes = [] if sky is None else [describe_sky(len(sky[0]))]
     if found is not None:
-        where = "at known depths" if _has_depths(scene, options) else "where photographs agree"
+        where = "at known depths" if _has_depths(scene) else "where photographs agree"
         notes.append(
             f"{len(found[0])} of the first Gaussians lie {where}, beside {len(scene.points)} "
             "points of the data."
@@ -76,7 +76,7 @@ def _find_points_to_seed(scene: Scene, options: TrainOptions, sky: int) -> Color
     o, given = options, len(scene.points)
     if o.init != "auto":
         return None
-    has_depths = _has_depths(scene, options)
+    has_depths = _has_depths(scene)
     most = _DEPTH_COUNT if has_depths else _STEREO_COUNT
     most = min(most, round(_STEREO_SHARE * o.max_gaussians))
     count = min(most - _STEREO_PER_POINT * given, o.max_gaussians - given - sky)
@@ -87,11 +87,11 @@ def _find_points_to_seed(scene: Scene, options: TrainOptions, sky: int) -> Color
     return find_points_by_stereo(scene, count, o.seed)
 
 
-def _has_depths(scene: Scene, options: TrainOptions) -> bool:
+def _has_depths(scene: Scene) -> bool:
     """Returns whether training starts at the depth files of training views, as it has no points."""
-    if len(scene.points) or options.known_depth not in ("auto", "files"):
-        return False
-    return any(scene.views[i].depth_path is not None for i in scene.train_indices)
+    return not len(scene.points) and any(
+        scene.views[i].depth_path is not None for i in scene.train_indices
+    )
 
 
 def _find_points_by_depth(scene: Scene, most: int, seed: int) -> Colored | None:
