@@ -239,17 +239,6 @@ def test_origin_of_a_file_comes_back_and_a_damaged_one_is_refused(tmp_path, rng)
         gsut.formats.load_ply(file)
 
 
-def test_about_another_origin_is_the_same_place(rng):
-    g = truth(rng).to_dtype(np.float64).translate(NEAR)
-    for origin in (np.zeros(3), UTM):
-        moved = g.with_origin(origin)
-        atol = tolerances.DATA_UTM_POSITION
-        np.testing.assert_allclose(moved.means + origin, g.means + NEAR, rtol=0, atol=atol)
-        assert (
-            g[:3].copy().to_dtype(np.float32).with_origin(origin).origin.tolist() == origin.tolist()
-        )
-
-
 def test_every_format_keeps_the_place_or_says_that_it_cannot(case, tmp_path, capsys):
     offset, _, run = case
     source = gsut.formats.load_ply(run / "scene.ply")
