@@ -27,12 +27,11 @@ from gsut.training.first.sky import describe_sky, find_sky
 _RANDOM_NEAR = 0.05
 # Farthest distance of random first Gaussians from a camera, x scene extent: far walls and hills.
 _RANDOM_FAR = 4.0
-# Number of random first Gaussians; growth adds more where they are needed.
-_RANDOM_COUNT = 30_000
+# Most first Gaussians at random or at known depths, which cost no search; growth adds more where
+# they are needed.
+_MOST_FREE = 30_000
 # Most points found by stereo: growth places the others where detail is.
 _STEREO_COUNT = 8000
-# Most points at known depths, which cost no search.
-_DEPTH_COUNT = 30_000
 # Most views whose depths are read for them.
 _MOST_DEPTHS = 100
 # Points found by stereo that each of the dataset's, which are more exact, replaces.
@@ -77,7 +76,7 @@ def _find_points_to_seed(scene: Scene, options: TrainOptions, sky: int) -> Color
     if o.init != "auto":
         return None
     has_depths = _has_depths(scene)
-    most = _DEPTH_COUNT if has_depths else _STEREO_COUNT
+    most = _MOST_FREE if has_depths else _STEREO_COUNT
     most = min(most, round(_STEREO_SHARE * o.max_gaussians))
     count = min(most - _STEREO_PER_POINT * given, o.max_gaussians - given - sky)
     if count <= 0 or measure_coverage(scene) >= _COVERED:
@@ -155,7 +154,7 @@ def seed_first(scene: Scene, options: TrainOptions, more: Sequence[Colored] = ()
     else:
         first = seed_in_view(
             [scene.camera(i) for i in scene.train_indices], scene.poses(scene.train_indices),
-            min(_RANDOM_COUNT, o.max_gaussians), near=_RANDOM_NEAR * scene.extent,
+            min(_MOST_FREE, o.max_gaussians), near=_RANDOM_NEAR * scene.extent,
             far=_RANDOM_FAR * scene.extent, **shape,
         )  # fmt: skip
     first = dataclasses.replace(first, response=o.response, order=o.order)

@@ -17,6 +17,7 @@ from gsut.metrics import psnr
 from gsut.optimize import GaussianOptimizer, LearningRates, choose_view
 from gsut.render import render
 from gsut.training.first import center_on_cameras
+from gsut.training.loop import SSIM_WEIGHT
 from gsut.training.tuning.ewa import EwaSplats, make_viewer_rule, render_ewa
 
 # Steps of the fine-tune by default; more gain little.
@@ -42,8 +43,6 @@ _RATES = {
 _FINAL_FACTOR = 0.1
 # Of fields of view, windows and turns.
 _SEED = 0
-# Weight of 1 - SSIM in the loss, as published for 3DGS.
-_SSIM_WEIGHT = 0.2
 
 
 @dataclasses.dataclass(frozen=True)
@@ -120,7 +119,7 @@ def tune_for_viewers(
         )
         renderer.render(splats.discs, job, image)
         loss, dimage = _core.photometric_loss(
-            _core.PhotometricTarget(truth), image, None, _SSIM_WEIGHT
+            _core.PhotometricTarget(truth), image, None, SSIM_WEIGHT
         )
         gradients = splats.discs.make_zeros()
         touched = np.zeros(len(teacher), np.uint8)
