@@ -93,29 +93,6 @@ def test_train_reading_images_again_same_bits(dataset, scene, unbroken):
     )
 
 
-class Stop(Exception):
-    """Ends a run from its progress callback."""
-
-
-def test_train_stopped_anywhere_and_resumed_same_bits(scene, unbroken, tmp_path, rng):
-    out = tmp_path / "run"
-    options = TrainOptions(**SHORT)
-    stops = sorted(rng.choice(np.arange(1, STEPS), size=6, replace=False).tolist())
-    for number, stop in enumerate(stops):
-
-        def callback(row, stop=stop):
-            if row["step"] == stop:
-                raise Stop
-
-        with pytest.raises(Stop):
-            gsut.train(scene, options, out=out, resume=number > 0, progress=callback)
-        assert not (out / RunFile.SCENE).exists()
-    train(scene, options, out=out, resume=True)
-    assert (out / RunFile.SCENE).read_bytes() == (unbroken / RunFile.SCENE).read_bytes()
-    assert history_of(out) == history_of(unbroken)
-    assert len(history_of(out)) == STEPS
-
-
 @pytest.mark.skipif(sys.platform == "win32", reason="os.kill ends the process there")
 def test_train_interrupted_in_evaluation_keeps_the_scene(tmp_path, scene, monkeypatch):
     out = tmp_path / "run"
@@ -207,13 +184,6 @@ def test_train_resume_of_a_finished_run_changes_nothing(scene, unbroken):
     before = take_snapshot(unbroken)
     train(scene, TrainOptions(**SHORT, threads=1), out=unbroken, resume=True)
     assert take_snapshot(unbroken) == before
-
-
-def test_train_into_a_run_or_with_other_options_is_refused(scene, unbroken):
-    with pytest.raises(InputError, match="--resume"):
-        train(scene, TrainOptions(**SHORT), out=unbroken)
-    with pytest.raises(InputError, match="max_gaussians"):
-        train(scene, TrainOptions(**{**SHORT, "max_gaussians": 151}), out=unbroken, resume=True)
 
 
 def advance_to(loop, step):
