@@ -38,7 +38,7 @@ def show(value: Any) -> str:
 
 
 def names_wrong_kinds(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Decorates a public function, which then names an argument that is not of its kind.
+    """Wraps a public function so that its errors name an argument of a wrong kind.
 
     Where Python's own error comes from inside, the arguments are compared with the annotations;
     an error that has another reason stays.
