@@ -136,7 +136,7 @@ def test_a_camera_that_sees_nothing_of_the_others_gets_no_pose_and_a_note(scene,
     blind = dataclasses.replace(photographs)
     mapping = run_without_matches(scene, blind, monkeypatch)
     assert not mapping.solved.registered[photographs.groups[1].images].any()
-    found, missing = compare_lens(mapping)[0]
+    found, missing = compare_lens(mapping)
     assert found == "the lens of each of these cameras was found: left"
     assert "no lens was found" in missing and "the camera right" in missing
 

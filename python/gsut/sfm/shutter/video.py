@@ -24,7 +24,6 @@ from gsut.sfm.shutter.readout import (
     FlowReadout,
     estimate_rates,
     estimate_readout_by_flow,
-    estimate_readout_time,
 )
 from gsut.sfm.solution import (
     Adjustment,
@@ -106,36 +105,10 @@ def find_shutter(mapping: Mapping) -> Mapping:
         }
     elif solution.shutter is None:
         figures["shutter"] = "global"
-        figures |= _note_readout(mapping)
     else:
-        time = estimate_readout_time(mapping.photographs.names, solution)
         figures["shutter"] = solution.shutter.direction
-        figures["readout"] = {
-            "given": mapping.options.readout_time,
-            "estimated": time.time if time else None,
-            "explained": time.explained if time else None,
-        }
+        figures["readout"] = {"given": mapping.options.readout_time}
     return mapping.add_findings(figures)
-
-
-def _note_readout(mapping: Mapping) -> dict[str, Any]:
-    """Notes that residuals speak for a rolling shutter of a video that was said to have none.
-
-    Returns:
-        "shutter_signs" of the figures, where they were measured.
-    """
-    solution, flows = mapping.solved, mapping.photographs.flows
-    if not flows or len(set(solution.cameras)) > 1:
-        return {}
-    order, signs = find_line_order(mapping, estimate_velocities(mapping), mapping.one_lens_free)
-    if order is not None:
-        way = order.shutter.direction.replace("_", " ")
-        mapping.log.note(
-            f"the frames look as if lines were read {way}, in {1000 * order.first.time:.0f} ms or "
-            f"more, though --shutter global was said ({order.first.clearness:.0f} standard "
-            "deviations): leave it out, and the readout time is found"
-        )
-    return {} if signs is None else {"shutter_signs": signs}
 
 
 def estimate_velocities(mapping: Mapping) -> tuple[np.ndarray, np.ndarray]:
