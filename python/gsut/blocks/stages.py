@@ -253,7 +253,7 @@ class Stages:
         scene = self.coarse.scene
         row: dict[str, Any] = {
             "step": step, "num_gaussians": sum(self._store.count_gaussians(self._turn)),
-            "seconds": self.clock.count_seconds(),
+            "seconds": sum(self.clock.seconds.values()),
         }  # fmt: skip
         test = scene.test_indices
         if test and not self._options.refine_poses:
@@ -288,7 +288,7 @@ class Stages:
             metrics["refinement"] = self.coarse.figures
         metrics["blocks"] = {
             "count": len(self.layout), "rounds": ROUNDS,
-            "workers": self._blocks.workers, "rows": rows, "stages": self.clock.rows,
+            "workers": self._blocks.workers, "rows": rows, "stages": self.clock.seconds,
             "coarse": {"gaussians": len(self.coarse.gaussians), "pixels": self.coarse.pixels,
                        "steps": make_coarse_options(o, self._count).steps,
                        "seconds": self.coarse.seconds},

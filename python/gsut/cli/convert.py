@@ -24,7 +24,6 @@ DESCRIPTION = (
 _WORKING = 6.5  # of the Gaussians' numbers, beside them: written, read again and compared
 _PAGE = ".html"
 _PHOTOGRAPHS = 6  # most held-out photographs in a page: each takes about 100 kB
-_PLAYCANVAS = (".sog", ".compressed.ply")  # which PlayCanvas' viewers show
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
@@ -207,7 +206,6 @@ def _tune_for_viewers(arguments: argparse.Namespace) -> tuple[Any, dict[str, Any
     with Progress(not arguments.json) as bars:
         tuned = tune_for_viewers(
             scene, gaussians, steps, background=choose_solid(options.background),
-            for_playcanvas=arguments.out.lower().endswith(_PLAYCANVAS),
             on_step=lambda step, loss: bars.show("for viewers", step, steps, f"loss {loss:.4f}"),
         )  # fmt: skip
     figures = {

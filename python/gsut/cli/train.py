@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import concurrent.futures
 import dataclasses
-import importlib
 from typing import Any
 
 from gsut._core import InputError
@@ -144,7 +142,7 @@ def train_into(
     if is_new:
         (run.path / RunFile.FINDINGS).unlink(missing_ok=True)
         mends = [s for s in ("poses", "lens") if getattr(options, f"refine_{s}")]
-        findings = check_first(scene, force, quiet, _match_neighbours(scene), mends)
+        findings = check_first(scene, force, quiet, mends)
         if any(each.severity != "info" for each in findings):  # which the verdict looks at
             keep_findings(run, findings)
     elif run.is_finished() and not quiet:
@@ -178,16 +176,6 @@ def train_into(
     if is_new:
         keep_findings(run, findings)
     return run.read_json(RunFile.METRICS)
-
-
-def _match_neighbours(scene: Any) -> Any:
-    """Finds the matches for the check, while another thread imports what trains."""
-    from gsut.check import match_neighbours
-
-    with concurrent.futures.ThreadPoolExecutor(1, "gsut-matches") as thread:
-        found = thread.submit(match_neighbours, scene)
-        importlib.import_module("gsut.train")
-        return found.result()
 
 
 def print_figures(figures: dict[str, Any]) -> None:

@@ -19,7 +19,6 @@ from gsut.metrics import (
     RING_EDGES_DEGREES,
     Ring,
     color_corrected_psnr,
-    half_image_psnr,
     psnr,
     ring_psnr,
 )
@@ -37,7 +36,6 @@ from gsut.run import TrainOptions, measure_peak_rss
 # Of a view, and their means over the views.
 FIGURES = (
     "psnr", "ssim", "detail", "unseen", "moving", "psnr_unit_gain", "psnr_color_corrected",
-    "psnr_half_image",
 )  # fmt: skip
 _DETAILS = "detail", "detail_shifted", "wrong_patch", "detail_outside"  # by `measure_details`
 # Called with a view, width and height; returns (height, width) bool, or None if nothing moved.
@@ -92,7 +90,6 @@ def evaluate(
                 as a whole, as wrong poses and lenses need; absent if no view.
             psnr_unit_gain: PSNR of the renders as they are shown, without `light`.
             psnr_color_corrected: PSNR after the affine map of colours that fits best.
-            psnr_half_image: PSNR of the right half after gains that fit the left half best.
             psnr_min, worst_view: the least PSNR and its view's name.
             render_ms: median time of one render in milliseconds.
             rings: list of dict from_degrees, to_degrees, psnr (mean over the views that have
@@ -200,7 +197,6 @@ def _compare(
         "moving": float(moving.sum() / count),
         "psnr_unit_gain": psnr(bare, seen),
         "psnr_color_corrected": color_corrected_psnr(bare, seen),
-        "psnr_half_image": half_image_psnr(plain, truth, mask),
         "render_ms": milliseconds,
         "pixels": seen.shape[1],
     }

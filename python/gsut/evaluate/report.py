@@ -38,20 +38,17 @@ _DEPTH_PERCENTILES = (1.0, 99.0)  # of all distances shown: the ends of the colo
 _LEGEND_STOPS = 12  # colours of a legend's gradient
 
 
-def _plot_curves(history: list[dict[str, Any]], options: TrainOptions) -> dict[str, list[str]]:
-    """Plots a training's history over steps and over seconds, as data addresses."""
-    return {
-        axis: [
-            plot_curve(history, key, title, axis, options)
-            for key, title in (
-                ("psnr", "Held-out PSNR [dB]"),
-                ("loss", "Training loss"),
-                ("num_gaussians", "Gaussians"),
-            )
-            if any(row.get(key) is not None for row in history)
-        ]
-        for axis in ("step", "seconds")
-    }
+def _plot_curves(history: list[dict[str, Any]], options: TrainOptions) -> list[str]:
+    """Plots a training's history over steps, as data addresses."""
+    return [
+        plot_curve(history, key, title, options)
+        for key, title in (
+            ("psnr", "Held-out PSNR [dB]"),
+            ("loss", "Training loss"),
+            ("num_gaussians", "Gaussians"),
+        )
+        if any(row.get(key) is not None for row in history)
+    ]
 
 
 def write_report(run: RunFolder) -> Path:
@@ -156,8 +153,7 @@ def _list_rows(metrics: dict[str, Any], environment: dict[str, Any]) -> dict[str
             for row in [*views, means]
         ],
         "stage_rows": [
-            [name, format_duration(stage["seconds"]), format_number(stage["bytes"] / 1e6, 1)]
-            for name, stage in blocks["stages"].items()
+            [name, format_duration(seconds)] for name, seconds in blocks["stages"].items()
         ],
         "block_rows": [
             [

@@ -6,9 +6,8 @@ import dataclasses
 import json
 import os
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -158,11 +157,11 @@ def load_mesh(path: str | os.PathLike[str]) -> Mesh:
     """Reads a mesh, or a cloud of points, with the colours of its vertices.
 
     Args:
-        path: .ply or .obj; faces of more corners are cut into triangles from their first.
+        path: binary .ply of triangles, or .obj, whose faces of more corners are cut into triangles.
 
     Returns:
         The mesh; of a cloud without faces. Colours are those of `save_mesh`: 8 bits a channel in
-        .ply, fractions in .obj; a text .ply is read without.
+        .ply, fractions in .obj.
 
     Raises:
         InputError: the file is absent, damaged or of another format.
@@ -191,15 +190,6 @@ def _read_triangles(polygons: list[np.ndarray]) -> np.ndarray:
     return np.array(rows, np.int64).reshape(-1, 3)
 
 
-def _take_list(words: Sequence[bytes | str], at: int) -> tuple[np.ndarray, int]:
-    """Takes a list of whole numbers behind its length; returns it and where it ends."""
-    size = int(words[at])
-    if not 0 <= size < len(words) - at:
-        raise ValueError(f"a list of {size} entries, and {len(words) - at - 1} are there")
-    end = at + 1 + size
-    return np.array([int(word) for word in words[at + 1 : end]], np.int64), end
-
-
 def _read_obj(path: Path, content: bytes) -> Mesh:
     vertices: list[list[float]] = []
     polygons, colors = [], []
@@ -222,7 +212,7 @@ def _read_obj(path: Path, content: bytes) -> Mesh:
 def _read_ply(path: Path, content: bytes) -> Mesh:
     order, elements, _, begin = _core.read_ply_header(os.fsencode(path))
     if not order:
-        return _read_text_ply(content[begin:].split(), elements)
+        raise ValueError("it is of text: save it as a binary PLY")
     vertices, faces, levels = np.zeros((0, 3)), np.zeros((0, 3), np.int64), None
     for name, count, properties in elements:
         if any(length for *_, length in properties):
@@ -247,23 +237,3 @@ def _read_ply(path: Path, content: bytes) -> Mesh:
                     levels = np.stack([rows[channel] for channel in _CHANNELS], axis=1)
             begin += row.itemsize * count
     return Mesh(vertices, faces, _from_levels(levels))
-
-
-def _read_text_ply(words: list[bytes], elements: list[Any]) -> Mesh:
-    vertices, polygons, at = np.zeros((0, 3)), list[np.ndarray](), 0
-    for name, count, properties in elements:
-        if any(length for *_, length in properties):
-            if len(properties) > 1:
-                raise ValueError(f"element {name} has more than its list")
-            for _ in range(count):
-                entries, at = _take_list(words, at)
-                if name == "face":
-                    polygons.append(entries)
-        elif properties:
-            width = len(properties)
-            rows = np.array(words[at : at + width * count], np.float64).reshape(count, width)
-            if name == "vertex":
-                columns = [each for each, *_ in properties]
-                vertices = rows[:, [columns.index(axis) for axis in "xyz"]]
-            at += width * count
-    return Mesh(vertices, _read_triangles(polygons))

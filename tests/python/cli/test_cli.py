@@ -90,21 +90,6 @@ def test_help_of_the_program_lists_commands_and_answers_at_once():
     assert [command for command in COMMANDS if command not in done.stdout] == []
 
 
-def test_help_imports_nothing_slow():
-    script = (
-        "import sys, gsut.cli\n"
-        "gsut.cli.build_parser()\n"
-        "print([m for m in ('cv2', 'jinja2', 'tqdm', 'yaml') if m in sys.modules])"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", script],
-        capture_output=True,
-        text=True,
-        env=os.environ | {"PYTHONPATH": PACKAGE},
-    )
-    assert done.stdout.strip() == "[]"
-
-
 def test_list_of_commands_imports_none_of_them_and_has_their_lines():
     script = (
         "import sys, gsut.cli\n"
@@ -166,16 +151,6 @@ def test_refusal_with_debug_shows_the_traceback(monkeypatch, capsys):
     monkeypatch.setenv("GSUT_DEBUG", "1")
     assert main(["eval", "absent"]) == 2
     assert "Traceback" in capsys.readouterr().err
-
-
-def test_missing_file_of_the_system_is_one_sentence(monkeypatch, capsys, run):
-    def gone(path):
-        raise FileNotFoundError(2, "No such file or directory", "scene.ply")
-
-    monkeypatch.setattr(
-        importlib.import_module("gsut.training.record.trained_run"), "open_ply", gone
-    )
-    assert "scene.ply: No such file or directory" in refused(capsys, "eval", str(run.path))
 
 
 # gsut train.

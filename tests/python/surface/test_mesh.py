@@ -89,14 +89,16 @@ def test_mesh_file_far_from_zero_keeps_its_digits(tmp_path, ball, suffix):
     assert np.abs(found.vertices - far.vertices).max() < precision
 
 
-def test_text_ply_with_quads_is_read(tmp_path):
+def test_obj_with_quads_is_read_and_text_ply_is_refused(tmp_path):
+    corners = ("0 0 0", "1 0 0", "1 1 0", "0 1 0")
+    (tmp_path / "a.obj").write_text("".join(f"v {each}\n" for each in corners) + "f 1 2 3 -1\n")
+    assert load_mesh(tmp_path / "a.obj").faces.tolist() == [[0, 1, 2], [0, 2, 3]]
     (tmp_path / "a.ply").write_text(
-        "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\n"
-        "property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
-        "0 0 0\n1 0 0\n1 1 0\n0 1 0\n4 0 1 2 3\n"
+        "ply\nformat ascii 1.0\nelement vertex 1\nproperty float x\nproperty float y\n"
+        "property float z\nend_header\n0 0 0\n"
     )
-    mesh = load_mesh(tmp_path / "a.ply")
-    assert mesh.faces.tolist() == [[0, 1, 2], [0, 2, 3]]
+    with pytest.raises(InputError, match="save it as a binary PLY"):
+        load_mesh(tmp_path / "a.ply")
 
 
 def test_bad_mesh_files_are_refused(tmp_path, ball):

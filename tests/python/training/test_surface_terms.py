@@ -68,7 +68,7 @@ def total(g, camera, pose, known, weights, extent):
 def test_gradients_of_all_terms_equal_differences_of_the_double_reference(rng, scene):
     weights = SurfaceWeights(1.0, 2.0, 0.3, 0.5, start=0.0, size=1, every=1)
     exact, view = wavy_plane(rng), scene.train_indices[0]
-    terms = SurfaceTerms(weights, scene, "points")
+    terms = SurfaceTerms(weights, scene)
     camera, pose = scene.camera(view), scene.views[view].motion
     known = terms.known.map(scene, view, camera).astype(np.float64)
     assert np.count_nonzero(known) > 100
@@ -102,7 +102,7 @@ def test_terms_of_every_fourth_step_count_four_times(rng, scene):
     view, g = scene.train_indices[0], wavy_plane(rng).to_dtype(np.float32)
     found = []
     for every in (1, 4):
-        terms = SurfaceTerms(SurfaceWeights(every=every), scene, "points")
+        terms = SurfaceTerms(SurfaceWeights(every=every), scene)
         due = [step for step in range(1, 9) if terms.is_due(step, 0.5)]
         assert due == list(range(every, 9, every))
         assert not terms.is_due(4, terms.weights.start)
@@ -119,7 +119,7 @@ def test_points_are_known_where_a_view_sees_them_and_not_behind_others(scene):
         point_colors=np.r_[[scene.point_colors] * 2].reshape(-1, 3),
     )
     camera = scene.camera(view)
-    known = KnownDepth(both, "points").map(both, view, camera)
+    known = KnownDepth(both).map(both, view, camera)
     truth = true_distance(scene, view)
     has = known > 0
     assert has.sum() > 150
@@ -127,7 +127,7 @@ def test_points_are_known_where_a_view_sees_them_and_not_behind_others(scene):
     error = np.abs(known / truth - 1)[has]
     assert np.median(error) < 0.01 and np.mean(error > 0.05) < 0.1
     half = camera.resize(24, 18)
-    assert np.count_nonzero(KnownDepth(both, "points").map(both, view, half)) > 80
+    assert np.count_nonzero(KnownDepth(both).map(both, view, half)) > 80
 
 
 def test_depth_files_are_known_at_any_size_and_damaged_ones_are_named(tmp_path):
@@ -141,8 +141,8 @@ def test_depth_files_are_known_at_any_size_and_damaged_ones_are_named(tmp_path):
     cv2.imwrite(str(folder / "depth.png"), np.round(truth * 1000).astype(np.uint16))
     (folder / "transforms.json").write_text(json.dumps(values))
     scene = gsut.load_dataset(folder)
-    known = KnownDepth(scene, "auto")
-    assert known.source == "files"
+    known = KnownDepth(scene)
+    assert known.by_files
     camera = scene.camera(view)
     assert np.abs(known.map(scene, view, camera) - truth).max() < 1e-3
     assert known.map(scene, scene.train_indices[1], camera) is None

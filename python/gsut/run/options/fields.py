@@ -26,7 +26,7 @@ class OptionInfo:
         help: what it does, in a few words.
         unit: unit of the value; empty for pure numbers.
         low, high: allowed range (of every entry of a tuple); None = no limit.
-        low_open, high_open: the limit itself is not allowed.
+        low_open: the limit itself is not allowed.
         choices: allowed words.
         words: words allowed instead of a value.
         none: what None means; empty if None is not allowed.
@@ -39,7 +39,6 @@ class OptionInfo:
     low: float | None = None
     high: float | None = None
     low_open: bool = False
-    high_open: bool = False
     choices: tuple[str, ...] = ()
     words: tuple[str, ...] = ()
     none: str = ""
@@ -50,15 +49,14 @@ class OptionInfo:
         if self.low is None and self.high is None:
             return "any value"
         above = ">" if self.low_open else ">="
-        below = "<" if self.high_open else "<="
         parts = [f"{above} {self.low:g}"] if self.low is not None else []
-        parts += [f"{below} {self.high:g}"] if self.high is not None else []
+        parts += [f"<= {self.high:g}"] if self.high is not None else []
         return " and ".join(parts)
 
     def is_in_range(self, number: float) -> bool:
         """Returns whether a number lies in the range; NaN never does."""
         above = self.low is None or (number > self.low if self.low_open else number >= self.low)
-        below = self.high is None or (number < self.high if self.high_open else number <= self.high)
+        below = self.high is None or number <= self.high
         return bool(above and below and math.isfinite(number))
 
 

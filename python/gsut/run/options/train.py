@@ -150,10 +150,6 @@ class TrainOptions:
     surface: bool = define_option(
         False, "Loss", "make Gaussians flat and agree on one surface: for depth, normals and "
         "gsut mesh")
-    known_depth: str = define_option(
-        "auto", "Loss", "distances that --surface takes from the dataset: points, files (along the "
-        "ray; 16-bit pictures in millimetres, .npy in the dataset's units), off, or auto: files if "
-        "training views have them, else points", choices=("auto", "points", "files", "off"))
     robust: bool = define_option(
         False, "Loss", "leave areas of a photograph that differ from all others, such as "
         "passers-by, out of the loss")

@@ -290,7 +290,7 @@ class PhotographModel:
         for name in _STATE:
             setattr(self, name, copy.copy(state[name]))
         self._falloffs = [Falloff.from_dict(each) for each in state["falloffs"]]
-        self._level = np.array(state.get("level", self._level))  # not in older checkpoints
+        self._level = np.array(state["level"])
         self._lights, self._planes = {}, {}
 
 

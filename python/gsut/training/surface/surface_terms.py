@@ -49,15 +49,14 @@ class SurfaceTerms:
     Args:
         weights: of the terms.
         scene: at full resolution.
-        known: source of known distances, see `KnownDepth`.
 
     Attributes:
         last_terms: of the last view: normals, distortion, known distances.
     """
 
-    def __init__(self, weights: SurfaceWeights, scene: Scene, known: str) -> None:
+    def __init__(self, weights: SurfaceWeights, scene: Scene) -> None:
         self.weights, self.extent = weights, scene.extent
-        self.known = KnownDepth(scene, known)
+        self.known = KnownDepth(scene)
         self.renderer = _core.Renderer()
         self.last_terms = [0.0, 0.0, 0.0]
         self._cameras: dict[int, tuple[Any, Any]] = {}
