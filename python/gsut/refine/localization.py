@@ -46,8 +46,6 @@ _POSES_TRIED = 3
 _LEAST_AGREEMENT = 0.5
 # Sizes of the photograph, the full one included, by which starts are compared.
 _LEVELS = 4
-# Size from which a pose and a motion that fit matches are refined: they are off by a pixel or so.
-_LEVEL_OF_MATCHES = 1
 # Largest number of pixels compared.
 _PIXELS = 20_000
 # Standard deviations grow by this power of the share of the photograph that counts, as fewer parts
@@ -116,9 +114,7 @@ def localize_image(
         )  # fmt: skip
     show = on_progress or (lambda what, done, total: None)
     order = _rank_views(gaussians, views, camera, pixels, mask, background, show)
-    found = find_pose_by_matches(
-        gaussians, views, order, camera, pixels, mask, background, shutter, show
-    )
+    found = find_pose_by_matches(gaussians, views, order, camera, pixels, mask, background, show)
     starts = [] if found is None else [found]
     starts += [Start(index, views[index][1]) for index in order[:_POSES_TRIED]]
     colors, valid = check_photograph(camera, pixels, mask)
@@ -151,9 +147,8 @@ def _refine_lines(photograph: Photograph, start: Start, shutter: Shutter | None)
     if shutter is None:
         coarse = photograph.refine_coarsely(start.pose, range(1), True)
         return photograph.refine_finely(coarse, 0, True, None)
-    first = LEVELS_WITH_MOTION - 1 if start.motion is None else _LEVEL_OF_MATCHES
-    moving = CoarsePose(start.pose, motion=start.motion)
-    return photograph.refine_finely(moving, first, True, shutter)
+    first = LEVELS_WITH_MOTION - 1
+    return photograph.refine_finely(CoarsePose(start.pose), first, True, shutter)
 
 
 def _widen(pose: RefinedPose, valid: np.ndarray) -> RefinedPose:
@@ -170,15 +165,10 @@ def _widen(pose: RefinedPose, valid: np.ndarray) -> RefinedPose:
 def _choose_start(
     photograph: Photograph, starts: list[Start], show: Callable[[str, int, int], None]
 ) -> tuple[Start, int]:
-    """Refines starts with the smaller photograph; returns the best pose, and how many were tried.
-
-    A start with motion stays as it is: a global pose would only be worse.
-    """
+    """Refines starts with the smaller photograph; returns the best, and how many were tried."""
     best, least = None, np.inf
     for number, start in enumerate(starts, start=1):
         show("refining", number, len(starts) + 1)
-        if start.motion is not None:
-            return start, number
         try:
             coarse = photograph.refine_coarsely(start.pose, range(1, _LEVELS), True)
         except SolveError:

@@ -46,19 +46,17 @@ def search_lenses(mapping: Mapping) -> Mapping:
     if len(groups) == 1 and len(groups[0].images) == len(mapping.photographs):
         return search_lens(mapping)
     lenses = _Lenses(mapping, groups)
-    open_groups, failure, rows = [], None, []
+    open_groups, failure = [], None
     for group in groups:
         try:
             if len(group.images) < _FEWEST_IMAGES:
                 raise SolveError(f"{len(group.images)} images are too few")
-            own = mapping.select(group)
-            lens, flags, _, trials = choose_lens(own)
+            lens, flags, _ = choose_lens(mapping.select(group))
         except SolveError as error:
             open_groups.append(group)
             failure = error
             continue
         lenses.set(group, lens, flags)
-        rows += [{"camera": group.name, **row} for row in trials]
     if failure is not None and not lenses.known.any():
         _start_from_guesses(lenses, groups)
         open_groups = [g for g in groups if not lenses.mapping.solved.registered[g.images].any()]
@@ -66,7 +64,7 @@ def search_lenses(mapping: Mapping) -> Mapping:
     found = [group for group in open_groups if _fit_to_points(lenses, group)]
     if found:
         lenses.solve(settled=False)
-    return lenses.mapping.add_findings({"lens_search": rows} if rows else None)
+    return lenses.mapping
 
 
 class _Lenses:

@@ -29,7 +29,7 @@ _WINDOW = 150  # images, about
 # Points that an image must share with a window to join it: fewer do not hold its pose.
 _LEAST_SHARED = 20
 GROUPS = 8  # of successive images, taken to err independently
-_MEDIAN_SQUARE = 2 * math.log(2)  # of a normal vector's length in the plane, in variances
+MEDIAN_SQUARE = 2 * math.log(2)  # of a normal vector's length in the plane, in variances
 
 
 class WeightedObservations:
@@ -143,7 +143,7 @@ class WeightedObservations:
             freedom: number of coordinates minus unknowns.
         """
         weight, lost = self.weight[:, 0, 0] ** 2, 2 * len(self.squared) / freedom
-        noise = math.sqrt(self.median / _MEDIAN_SQUARE * lost)
+        noise = math.sqrt(self.median / MEDIAN_SQUARE * lost)
         # psi = w r; over all directions of a residual r in the plane its mean derivative is w^2.
         psi = float(np.mean(weight**2 * self.squared)) / 2
         return noise, lost * psi * float(np.mean(weight)) / float(np.mean(weight**2)) ** 2

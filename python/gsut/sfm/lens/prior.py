@@ -15,7 +15,7 @@ from gsut.sfm.lens.candidates import guess_lens
 from gsut.sfm.lens.information import GROUPS
 from gsut.sfm.lens.trials import run_trials
 from gsut.sfm.mapping import Mapping
-from gsut.sfm.matches import PairMatches, keep_most_distinct, verify_matches
+from gsut.sfm.matches import keep_most_distinct
 from gsut.sfm.solution import (
     Adjustment,
     LensFlags,
@@ -24,7 +24,6 @@ from gsut.sfm.solution import (
     Solution,
     adjust_registered,
     index_lenses,
-    solve_poses,
 )
 from gsut.significance import convert_to_normal
 
@@ -51,7 +50,7 @@ def weigh_focal_prior(mapping: Mapping, features_sigma: float) -> tuple[Mapping,
             the features alone.
 
     Returns:
-        The run with solution, pairs, and "focal_prior" of the figures where there is a prior; and
+        The run with solution, and "focal_prior" of the figures where there is a prior; and
         the standard deviation of the logarithm of the focal length.
     """
     solution, flags = mapping.solved, mapping.one_lens_free
@@ -89,9 +88,9 @@ def weigh_focal_prior(mapping: Mapping, features_sigma: float) -> tuple[Mapping,
         alone = f"a focal length of {known}" if sigma < 1 else "no focal length"
         mapping.log.note(
             f"the images alone give {alone}; with the {prior.px:.0f} px of {prior.source} it is "
-            f"{find_focal(held[0]):.0f} px, known to {200 * both:.1f} %"
+            f"{find_focal(held):.0f} px, known to {200 * both:.1f} %"
         )
-    return mapping.replace(solution=held[0], pairs=held[1]), both
+    return mapping.replace(solution=held), both
 
 
 def _find_prior(mapping: Mapping) -> FocalPrior | None:
@@ -117,42 +116,22 @@ def _get_focal(camera: Camera) -> float:
     return float(camera.params[find_focal_params(camera)[0]])
 
 
-def _hold_focal(
-    mapping: Mapping, flags: np.ndarray, factor: float
-) -> tuple[Solution, list[PairMatches]] | None:
-    """Adjusts everything but the focal length, changed by a factor; None if images are lost.
-
-    Where the structure does not follow so far, it is found from nothing, of pairs verified again.
-    """
+def _hold_focal(mapping: Mapping, flags: np.ndarray, factor: float) -> Solution | None:
+    """Adjusts everything but the focal length, changed by a factor; None if images are lost."""
     solution = mapping.solved
     lens = with_scaled_focal(solution.cameras[0], factor)
     start = dataclasses.replace(solution, cameras=[lens] * len(solution.cameras))
     free = flags.copy()
     free[find_focal_params(lens)] = 0
-    features, options = mapping.features, mapping.options
-    on_step = mapping.log.follow_steps("mapping")
+    adjustment = Adjustment(free, extend=True, turns=mapping.turns)
     try:
         held = adjust_registered(
-            start,
-            features,
-            mapping.pairs,
-            options,
-            on_step,
-            Adjustment(free, extend=True, turns=mapping.turns),
-        )
-        if held.num_registered == solution.num_registered:
-            return held, mapping.pairs
-    except SolveError:
-        pass
-    images = dataclasses.replace(mapping.images, cameras=start.cameras, shutter=None)
-    pairs = verify_matches(images, mapping.raw, options)
-    try:
-        held = solve_poses(images, pairs, options, on_step, Adjustment(free, lens_settled=True))
+            start, mapping.features, mapping.pairs, mapping.options,
+            mapping.log.follow_steps("mapping"), adjustment,
+        )  # fmt: skip
     except SolveError:
         return None
-    if held.num_registered < solution.num_registered:
-        return None
-    return held, pairs
+    return held if held.num_registered == solution.num_registered else None
 
 
 def estimate_focal_sigma(mapping: Mapping, flags: LensFlags, features_sigma: float) -> float:

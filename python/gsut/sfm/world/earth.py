@@ -17,19 +17,17 @@ from gsut.gaussians import rotate_upright
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.solution import Solution, similarity_from_points
 from gsut.sfm.world.place_priors import Adjust, adjust_near_places
+from gsut.sfm.world.positions import EARTH_RADIUS, ECCENTRICITY_2
 from gsut.sfm.world.up import (
     FEWEST,
     MOST_TILT,
     find_held,
     find_measured_up,
     find_up,
-    find_up_by_path,
 )
 
 _UP = (0.0, -1.0, 0.0)  # in the world, once it is known
 _UP_UNKNOWN = "not known"  # of the figure "up"
-_EARTH_RADIUS = 6378137.0  # metres, semi-major axis of WGS 84
-_ECCENTRICITY_2 = 6.69437999014e-3  # squared, of WGS 84
 _FEWEST_PLACES = 5  # different places
 _SAMPLES = 300  # pairs of places that an alignment is fitted to
 _SAME_PLACE = 0.3  # metres within which places are the same
@@ -92,9 +90,6 @@ def find_earth(
         origin = np.median(given, axis=0)
         target = _convert_to_metres(given, origin)
         centers = find_centers(solution.camera_from_world[index])
-        if up is None and held is not None:
-            up = find_up_by_path(held, centers, target)
-            figures["up"] = _UP_UNKNOWN if up is None else "by the cameras and the path of GPS"
         found = _align_with_gps(centers, target, up)
         figures |= {"gps": found.figures, "origin": None}
         notes.append(found.words)
@@ -172,10 +167,10 @@ def move_to_earth(solution: Solution, earth: Earth) -> Solution:
 def _convert_to_metres(places: np.ndarray, origin: np.ndarray) -> np.ndarray:
     """Converts places to (N, 3) east, down, north of an origin, in metres on the ellipsoid."""
     latitude = math.radians(origin[0])
-    shape = 1 - _ECCENTRICITY_2 * math.sin(latitude) ** 2
+    shape = 1 - ECCENTRICITY_2 * math.sin(latitude) ** 2
     across, along = (
-        _EARTH_RADIUS / math.sqrt(shape),
-        _EARTH_RADIUS * (1 - _ECCENTRICITY_2) / shape**1.5,
+        EARTH_RADIUS / math.sqrt(shape),
+        EARTH_RADIUS * (1 - ECCENTRICITY_2) / shape**1.5,
     )
     off = places - origin
     turn = (off[:, 1] + 180) % 360 - 180
