@@ -1,9 +1,13 @@
-"""Hypotheses of poses that are wrong along the path: clock, shutter, names."""
+"""Hypotheses of poses that are wrong along the path: clock, shutter, drifts, names."""
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
+from gsut._core import exp_pose
+from gsut.data.poses import invert_pose
 from gsut.gaussians import quaternion_from_rotation, rotations_from_quaternions
 from gsut.judge.dataset import Dataset, Variants
 from gsut.judge.hypotheses import Hypothesis, Rate, Variant, climb
@@ -72,6 +76,54 @@ def _suppose_readouts(data: Dataset, rate: Rate) -> Variants:
         yield Variant(words, "", suppose(x))
 
 
+def _suppose_headings(data: Dataset, rate: Rate) -> Variants:
+    def suppose(x: np.ndarray) -> Dataset:
+        turn, poses = exp_pose([0.0, 0.0, 0.0, *x]), data.poses.copy()
+        for path in data.paths:
+            change = np.eye(4)
+            for before, view in itertools.pairwise(path):
+                pose = data.poses[before, 0]
+                change = change @ pose @ turn @ invert_pose(pose)
+                poses[view] = change @ data.poses[view]
+        return data.place(poses)
+
+    x = climb(suppose, rate, [np.zeros(3)], np.full(3, 0.02))
+    count = max(map(len, data.paths)) - 1
+    yield Variant(f"{np.degrees(np.linalg.norm(x)) * count:.1f}", "", suppose(x))
+
+
+def _suppose_scales(data: Dataset, rate: Rate) -> Variants:
+    def suppose(x: np.ndarray) -> Dataset:
+        poses = data.poses.copy()
+        for path in data.paths:
+            centers = data.poses[path, 0, :3, 3]
+            factors = np.exp(x[0] * np.arange(len(path)) / max(1, len(path) - 1))
+            steps = factors[1:, None] * np.diff(centers, axis=0)
+            moved = centers[0] + np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
+            inside = factors[:, None, None] * (poses[path, :, :3, 3] - centers[:, None])
+            poses[path, :, :3, 3] = moved[:, None] + inside
+        return data.place(poses)
+
+    x = climb(suppose, rate, [[k] for k in np.linspace(-1.2, 1.2, 13)], [0.1])
+    yield Variant(f"{np.exp(-x[0]):.2f}", "", suppose(x))
+
+
+def _suppose_scale_steps(data: Dataset, rate: Rate) -> Variants:
+    for path in data.paths:
+        starts = [(k, s) for k in np.linspace(1, len(path) - 2, 12) for s in (-0.4, 0.4)]
+
+        def suppose(x: np.ndarray, path: list[int] = path) -> Dataset:
+            poses, place = data.poses.copy(), int(np.clip(round(x[0]), 0, len(path) - 2))
+            center = data.poses[path[place], 0, :3, 3]
+            late = path[place + 1 :]
+            poses[late, :, :3, 3] = center + np.exp(x[1]) * (poses[late, :, :3, 3] - center)
+            return data.place(poses)
+
+        if len(path) >= _FEWEST:
+            x = climb(suppose, rate, starts, [len(path) / 16, 0.1])
+            yield Variant(f"{np.exp(-x[1]):.2f}", "", suppose(x))
+
+
 def _suppose_other_names(data: Dataset, rate: Rate) -> Variants:
     """Gives views the poses of other views, one after another, where that fits better."""
     best = float(np.mean(rate(data)))
@@ -99,6 +151,15 @@ PATH_ERRORS: tuple[Hypothesis[Dataset], ...] = (
     Hypothesis("a rolling shutter, whose readout {} of the time between two images",
                "find poses of the lines (`gsut poses --shutter rolling`), or write "
                "transform_matrix_start and _end of each image", "poses", _suppose_readouts, free=1),
+    Hypothesis("poses without the turn of about {} degrees that these accumulate along the path",
+               "the poses drift, as odometry does: adjust all of them at once (`gsut poses`)",
+               "poses", _suppose_headings, free=3),
+    Hypothesis("poses whose scale does not drift by a factor of about {} along the path",
+               "the poses drift, as odometry does: adjust all of them at once (`gsut poses`)",
+               "poses", _suppose_scales, free=1),
+    Hypothesis("poses whose scale does not change by a factor of {} at one place",
+               "find poses of all images at once (`gsut poses`), or scale one part's positions",
+               "poses", _suppose_scale_steps, free=2),
     Hypothesis("other images' poses in {} of the images",
                "check names, order and time stamps: pair names and poses again", "poses",
                _suppose_other_names, is_gross=True),

@@ -114,6 +114,8 @@ POSES = {
         np.block([[pose[:3, :3].T, pose[:3, 3:]], [pose[3:]]]) for pose in m]), "transposed"),
     "body": (lambda m: m @ np.linalg.inv(TILT), "a body's on which"),
     "frames": (lambda m: m[np.minimum(np.arange(len(m)) + 2, len(m) - 1)], "2 frames"),
+    "heading": (lambda m: add_steps(m, lambda step, _: TURN @ step), "accumulate"),
+    "scale": (lambda m: add_steps(m, lambda step, k: scale_step(step, 1 + k / 6)), "drift by"),
     "half the scale": (
         lambda m: add_steps(m, lambda step, k: scale_step(step, 1.5 if k > 12 else 1.0)),
         "change by a factor of",
