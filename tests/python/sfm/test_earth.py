@@ -110,6 +110,27 @@ def test_gps_that_contradicts_the_poses_is_named_and_not_used():
     assert "contradicts" in earth.notes[0] and earth.scale == 1.0
 
 
+@pytest.mark.parametrize("along_view", [True, False])
+def test_straight_flight_takes_up_from_its_slope_and_level_cameras(along_view):
+    rng = np.random.default_rng(7)
+    solution, _ = make_walk(rng, heading=0.0, roll=1.0)
+    # Ahead with a slope, as the cameras look; or sideways, which says nothing of how they tilt.
+    share = np.linspace(0, 1, COUNT)[:, None]
+    truth = 40.0 * share * ([0.0, 0.2, 1.0] if along_view else [1.0, 0.0, 0.0])
+    turn = _core.exp_pose([0, 0, 0, 0.7, -1.1, 0.4])[:3, :3]
+    for pose, center in zip(solution.camera_from_world, truth * [1, -1, 1] / SCALE, strict=True):
+        pose[:3, 3] = -pose[:3, :3] @ turn @ center
+    earth = find_earth(solution, upright(solution), gps(truth, rng, 0.3))
+    assert earth.figures["gps"]["applied"] is along_view
+    if along_view:
+        assert "path of GPS" in earth.figures["up"]
+        assert earth.scale == pytest.approx(SCALE, rel=0.02)
+        down = earth.rotation @ turn @ [0, 1, 0]
+        assert down[1] > math.cos(math.radians(4))
+    else:
+        assert "which way is up" in earth.notes[0] or earth.figures["up"] == "by the cameras"
+
+
 def test_panoramas_of_one_direction_are_level_and_gps_takes_up_from_them():
     rng = np.random.default_rng(8)
     solution, truth = make_walk(rng, heading=10.0, roll=2.0, pitch=0.01)

@@ -24,6 +24,7 @@ from gsut.sfm.world.up import (
     find_held,
     find_measured_up,
     find_up,
+    find_up_by_path,
 )
 
 _UP = (0.0, -1.0, 0.0)  # in the world, once it is known
@@ -90,6 +91,9 @@ def find_earth(
         origin = np.median(given, axis=0)
         target = _convert_to_metres(given, origin)
         centers = find_centers(solution.camera_from_world[index])
+        if up is None and held is not None:
+            up = find_up_by_path(held, centers, target)
+            figures["up"] = _UP_UNKNOWN if up is None else "by the cameras and the path of GPS"
         found = _align_with_gps(centers, target, up)
         figures |= {"gps": found.figures, "origin": None}
         notes.append(found.words)

@@ -1,4 +1,4 @@
-"""Finds which way is up: by how cameras were held, and by sensors."""
+"""Finds which way is up: by how cameras were held, by GPS along a path, and by sensors."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ _ROLL = math.radians(5.0)  # standard deviation: people and drones hold cameras 
 _PITCH = math.radians(25.0)  # standard deviation: they look up and down
 _LEVELLED = math.radians(3.0)  # the same, of panoramas: 360-degree cameras level them
 _MOST_ROLL = math.radians(12.0)  # mean roll beyond which cameras were not held level
+_STRAIGHT = 0.1  # second over first extent of a path, below which its slope is that of GPS
 _MOST_SCATTER = math.radians(20.0)  # median angle between sensors' up and their mean
 _SAME_UP = math.radians(15.0)  # between two statements of up that agree
 MOST_TILT = 0.15  # radians: two standard deviations of up beyond which it is not known
@@ -112,3 +113,41 @@ def find_up(held: Held) -> np.ndarray | None:
     up = axes[:, 0] * np.sign(axes[:, 0] @ held.mean)
     sigma = 1 / math.sqrt(max(1e-12, float(values[1] - values[0])))
     return up if held.is_level(up, sigma) else None
+
+
+def find_up_by_path(held: Held, centers: np.ndarray, target: np.ndarray) -> np.ndarray | None:
+    """Finds up where all cameras looked alike along a straight path, whose slope GPS shows.
+
+    Level axes of one direction leave open how far up leans along the view; the path shows it.
+
+    Args:
+        held: how the cameras were held.
+        centers: (N, 3) of the cameras.
+        target: (N, 3) of GPS: east, down, north.
+    """
+    middle = centers - centers.mean(axis=0)
+    _, extents, axes = np.linalg.svd(middle, full_matrices=False)
+    if extents[1] > _STRAIGHT * extents[0]:
+        return None
+    direction, along = axes[0], middle @ axes[0]
+    fit = np.polyfit(along, target, 1)
+    off = target[:, 1] - np.polyval(fit[:, 1], along)
+    length = float(np.linalg.norm(fit[0]))
+    # Heights of GPS drift, so more places do not make them better.
+    slope_sigma = 2 * float(off.std()) / max(length * float(np.ptp(along)), 1e-9)
+    if slope_sigma > MOST_TILT / 2:
+        return None
+    slope = -float(fit[0, 1]) / length
+    aside = np.cross(direction, held.mean)
+    aside /= max(float(np.linalg.norm(aside)), 1e-9)
+    over = np.cross(aside, direction)
+    angles = np.radians(np.arange(-60.0, 60.01, 0.1))
+    flat = math.sqrt(max(0.0, 1 - slope**2))
+    ups = slope * direction + flat * (
+        np.cos(angles)[:, None] * over + np.sin(angles)[:, None] * aside
+    )
+    costs = np.einsum("ni,ij,nj->n", ups, held.information, ups)
+    best = int(np.clip(np.argmin(costs), 1, len(costs) - 2))
+    bend = (costs[best - 1] - 2 * costs[best] + costs[best + 1]) / (angles[1] - angles[0]) ** 2
+    sigma = math.hypot(math.sqrt(2 / max(float(bend), 1e-12)), slope_sigma)
+    return ups[best] if held.is_level(ups[best], sigma) else None
