@@ -32,8 +32,7 @@ def load_camera(path: _Path, camera_id: int | str | None = None) -> Camera:
     Args:
         path: the file.
         camera_id: which camera, for a file with several: COLMAP's number, Kalibr's "cam0", the
-            label of Aria or Metashape, the name of OpenSfM; of OCamCalib "inverse", the lens of
-            its inverse polynomial.
+            label of Aria or Metashape, the name of OpenSfM.
 
     Returns:
         The camera. The valid field angle is set where the file states one.
@@ -88,11 +87,10 @@ def save_camera(camera: Camera, path: _Path, format: str | None = None) -> None:
         camera: the lens.
         path: a file; its name chooses the format: *.cameramodel (mrcal), *camchain*.yaml (Kalibr),
             *.lens.json (gsut, which holds every lens), other *.yaml or *.yml and *.json (OpenCV),
-            transforms*.json (nerfstudio), *aria*.json (Project Aria), *matlab*.json (MATLAB),
-            *camera_models*.json (OpenSfM), *calib_results*.txt (OCamCalib), other *.txt and *.bin
-            (COLMAP), *.xml (Metashape).
-        format: "mrcal", "gsut", "opencv", "kalibr", "nerfstudio", "aria", "matlab", "opensfm",
-            "ocam", "metashape", "colmap" or "colmap-binary", to choose it by hand.
+            transforms*.json (nerfstudio), *calib_results*.txt (OCamCalib), other *.txt and *.bin
+            (COLMAP).
+        format: "mrcal", "gsut", "opencv", "kalibr", "nerfstudio", "ocam", "colmap" or
+            "colmap-binary", to choose it by hand.
 
     Raises:
         InputError: the format cannot hold this lens, or is unknown.
