@@ -111,8 +111,8 @@ py::array_t<double> ReadColumns(const py::bytes& path, const std::vector<std::st
     numbers = ReadPlyColumns(name, names);
   }
   const std::size_t count = std::max<std::size_t>(names.size(), 1);
-  auto out = NewArray<double>({static_cast<std::int64_t>(numbers.size() / count),
-                               static_cast<std::int64_t>(names.size())});
+  auto out = NewArray<double>(
+      {static_cast<std::int64_t>(numbers.size() / count), static_cast<std::int64_t>(names.size())});
   std::copy(numbers.begin(), numbers.end(), out.mutable_data());
   return out;
 }
