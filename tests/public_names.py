@@ -14,7 +14,6 @@ OF_FOLDERS = {
     ],
     "surface": [
         "MeshOptions", "fuse_depth", "render_depth_maps", "DepthMap", "points_from_depth",
-        "extract_grid", "grid_from_depth", "Grid", "save_grid",
     ],
     "formats": ["save_ply", "load_ply"],
 }  # fmt: skip

@@ -52,7 +52,7 @@ GOOD: dict[tuple[str, str], tuple[str, ...]] = {
         for command, flags in {
             "compact": ("--finetune",),
             "edit": ("--min-opacity",),
-            "mesh": ("--fit", "--holes", "--support"),
+            "mesh": ("--holes", "--support"),
             "poses": ("--nadir-cap", "--threads", "--seed"),
             "scene": ("--nadir-cap",),
             "train": ("--seed", "--threads", "--max-side", "--test-every", "--sh-degree"),

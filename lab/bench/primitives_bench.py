@@ -13,9 +13,8 @@ import numpy as np
 
 import gsut
 from gsut.lifting.back_projection import resize_mask
-from gsut.surface import Mesh, MeshOptions, fuse_depth, make_soup, render_depth_maps
+from gsut.surface import Mesh, MeshOptions, fuse_depth, render_depth_maps
 from gsut.surface.extract import measure_pixel_angle
-from gsut.surface.fit import Pixels, draw_pixels
 from gsut.surface.mesh_files import load_mesh
 from gsut.surface.rays import cast_world_rays
 from gsut.surface.worth import build_tree, judge_mesh
@@ -26,7 +25,7 @@ _GAUSSIAN = 11
 # What others have in place of them.
 _NUMBERS = {"atom": 5, "surfel": 10}
 _BYTES = 4  # a number
-_MESH = "mesh"  # in place of a primitive: the fitted surface of Gaussians
+_MESH = "mesh"  # in place of a primitive: the surface of Gaussians
 _OF_VERTEX, _OF_FACE = 15, 12  # bytes: three floats and a colour, three indices
 _F_AT = 0.02  # the distance of the F-score, in the units of the truth
 _DRAWS = 3  # of each test view; the least time counts
@@ -64,21 +63,16 @@ def measure(case: Row, settings: Settings) -> Row:
     seconds = time.process_time() - began
     if case["equal"] == "bytes":
         _seconds[key] = seconds
-    opaque = Row()
-    if case["primitive"] == "triangle":
-        soup = make_soup(result.gaussians, scene)
-        opaque = _judge_opaque(soup, scene, options.scale, settings.path(case["data"]))
     return {
         "gaussians": len(result.gaussians), "steps": steps, "cpu_seconds": seconds,
         "bytes": _BYTES * numbers * len(result.gaussians) / 1e6,
         "psnr": result.metrics["psnr"], "ssim": result.metrics["ssim"],
         **_draw_views(result.gaussians, scene, options.scale),
-        **opaque,
     }  # fmt: skip
 
 
 def _measure_mesh(case: Row, settings: Settings, scene: gsut.Scene) -> Row:
-    """Measures the surface of Gaussians, closed and fitted to the photographs."""
+    """Measures the surface of Gaussians, closed, in the colours of the photographs."""
     scale = 1.0 if case["data"] == HALL else settings.scale
     began = time.process_time()
     options = gsut.TrainOptions(
@@ -92,7 +86,6 @@ def _measure_mesh(case: Row, settings: Settings, scene: gsut.Scene) -> Row:
         photographs=True,
         support=1,
         holes=settings.holes,
-        fit=settings.fit,
     )
     maps = render_depth_maps(trained, scene, how)
     widths = [
@@ -118,17 +111,25 @@ def _judge_opaque(mesh: Mesh, scene: gsut.Scene, scale: float, data: Path) -> Ro
         camera, view = scene.camera(index), scene.views[index]
         size = round(scale * camera.height), round(scale * camera.width)
         camera = camera.resize(*size[::-1])
-        rays = (
+        origins, rays = (
             np.ascontiguousarray(a.reshape(-1, 3)) for a in cast_world_rays(camera, view.motion)
         )
-        pixels = Pixels(*rays, np.zeros((size[0] * size[1], 3)))
-        faces = tree.cast(pixels.origins, pixels.rays)[1]
+        faces = tree.cast(origins, rays)[1]
         # Rays that meet nothing stay black; the last face stands in for theirs.
-        shown = np.where(faces[:, None] >= 0, draw_pixels(mesh, faces, pixels)[1], 0.0)
+        shown = np.where(faces[:, None] >= 0, _draw_faces(mesh, faces, origins, rays), 0.0)
         photograph = cv2.resize(scene.image(index), size[::-1], interpolation=cv2.INTER_AREA) / 255
         mask = resize_mask(scene.mask(index), *size)
         found.append(gsut.psnr(np.clip(shown, 0, 1).reshape(*size, 3), photograph, mask))
     return {**row, "opaque": float(np.mean(found))}
+
+
+def _draw_faces(mesh: Mesh, faces: np.ndarray, origins: np.ndarray, rays: np.ndarray) -> np.ndarray:
+    """Draws the colours (N, 3) of the faces (N,) that rays meet."""
+    corners = mesh.vertices[mesh.faces[faces]] - origins[:, None]
+    turned = np.cross(corners[:, (1, 2, 0)], corners[:, (2, 0, 1)])
+    weights = np.einsum("ni,nki->nk", rays, turned)
+    weights /= weights.sum(axis=1, keepdims=True)
+    return np.einsum("nk,nkc->nc", weights, np.asarray(mesh.colors)[mesh.faces[faces]])
 
 
 def _draw_views(gaussians: gsut.Gaussians, scene: gsut.Scene, scale: float) -> Row:
@@ -177,12 +178,11 @@ BENCHMARK = Benchmark(
         Option(
             "primitives",
             ("surfel", "atom", "triangle", _MESH),
-            "beside Gaussians; mesh: their surface, fitted",
+            "beside Gaussians; mesh: their surface",
         ),
         Option("steps", 500, "of each training at equal bytes"),
         Option("max_gaussians", 20_000, "Gaussians"),
         Option("voxel", 2.0, "of the mesh, widths of a pixel at the median depth"),
-        Option("fit", 4, "rounds of `gsut mesh --fit`, of the mesh"),
         Option("holes", 1000, "edges of the longest hole of it that is closed"),
         Option("sh_degree", 1, "of each training"),
         Option("scale", 0.25, "of the images of datasets"),

@@ -30,7 +30,7 @@ def measure_regret(data: Path, work: Path) -> dict[str, Any]:
     if not metrics:
         return {}
     own = {
-        "degree": metrics["complexity"]["sh_degree"],
+        "degree": metrics["sh_degree"],
         "gaussians": metrics["num_gaussians"],
         "steps": metrics["steps"],
     }

@@ -246,7 +246,7 @@ def _score_training(made: Capture, folder: Path, work: Path) -> Row:
         "train_verdict": (metrics.get("verdict") or {}).get("level"),
         "train_reasons": (metrics.get("verdict") or {}).get("reasons"),
         "gaussians": metrics.get("gaussians"),
-        "sh_degree": (metrics.get("complexity") or {}).get("sh_degree"),
+        "sh_degree": metrics.get("sh_degree"),
     }  # fmt: skip
     return row
 

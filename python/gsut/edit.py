@@ -21,7 +21,6 @@ __all__ = [
     "find_ground",
     "find_support",
     "is_inside_box",
-    "is_inside_sphere",
     "list_seen_views",
     "merge_gaussians",
     "read_edits",
@@ -44,19 +43,3 @@ def is_inside_box(gaussians: Gaussians, low: np.ndarray, high: np.ndarray) -> np
     places = gaussians.means + (gaussians.origin - np.asarray(low, np.float64))
     size = np.asarray(high, np.float64) - low
     return np.all((places >= 0) & (places <= size), axis=1)
-
-
-def is_inside_sphere(gaussians: Gaussians, center: np.ndarray, radius: float) -> np.ndarray:
-    """Returns which Gaussians have their centres in a ball.
-
-    Args:
-        gaussians: N Gaussians.
-        center: (3,) world coordinates.
-        radius: world units.
-
-    Returns:
-        (N,) bool.
-    """
-    places = gaussians.means + (gaussians.origin - np.asarray(center, np.float64))
-    with np.errstate(over="ignore"):  # beyond every radius
-        return np.sum(places * places, axis=1) <= radius * radius

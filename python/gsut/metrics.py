@@ -219,30 +219,3 @@ def color_corrected_psnr(
         for row in _fit_transform(colors, wanted)
     ]
     return psnr(np.clip(rows, 0.0, 1.0).T[None], wanted.T[None])
-
-
-def half_image_psnr(
-    image: ArrayLike, truth: ArrayLike, mask: ArrayLike | None = None
-) -> float | None:
-    """Computes PSNR of an image's right half after the gains per channel that fit its left half.
-
-    Args:
-        image: (H, W, 3) the image that is multiplied.
-        truth: (H, W, 3).
-        mask: (H, W), non-zero where a pixel counts; None: all count.
-
-    Returns:
-        PSNR in dB; None where one half has no pixel that counts.
-
-    Source: Martin-Brualla et al., "NeRF in the Wild", 2021, section 5.
-    """
-    x, y = _check_image(image, "image"), _check_image(truth, "truth")
-    counts, middle = _read_mask(mask, x.shape[:2]), x.shape[1] // 2
-    left, right = counts[:, :middle], counts[:, middle:]
-    if not left.any() or not right.any():
-        return None
-    fitted, wanted = x[:, :middle][left], y[:, :middle][left]
-    both, squares = (np.einsum("nc,nc->c", fitted, each) for each in (wanted, fitted))
-    gain = both / np.where(squares > 0, squares, 1.0)
-    judged = np.clip(gain * x[:, middle:][right], 0.0, 1.0)
-    return psnr(judged[None], y[:, middle:][right][None])

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import functools
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -158,16 +157,14 @@ def _find_poses(
 ) -> tuple[dict[str, Any], float]:
     """Finds poses and lens; returns the content of poses.json and the seconds taken here."""
     o, out = folder.options, folder.poses
-    options = PosesOptions(fov=o.fov, shutter=o.shutter, keep_all_pixels=o.keep_all_pixels)
-    options = add_lens_readout(options, o.camera, pictures.figures)
+    options = add_lens_readout(PosesOptions(fov=o.fov), o.camera, pictures.figures)
     done = read_finished(pictures.path, out, o.camera, options)
     if done is not None:
         return done, 0.0
     if is_finished(out):
         bars.note("poses are found again: those in the folder are of other pictures")
     bars.note(_announce(o, pictures))
-    bars.plan(_make_training_options(o).steps, "training")
-    with contextlib.closing(StageFollower(bars, len(pictures.figures["frames"]))) as stages:
+    with contextlib.closing(StageFollower(bars)) as stages:
         show_poses = None if watcher is None else watcher.show_poses
         log = PosesLog(stages.show, bars.note, stages.expect, show_poses)
         figures = find_poses(pictures.path, out, camera=o.camera, options=options, log=log).figures
@@ -185,9 +182,8 @@ def _announce(options: SceneOptions, pictures: Capture) -> str:
 
 
 def _make_training_options(options: SceneOptions) -> TrainOptions:
-    o = options
-    make = functools.partial(TrainOptions, preset=o.preset, keep_all_pixels=o.keep_all_pixels)
-    return make() if o.steps is None else make(steps=o.steps)
+    o = TrainOptions(preset=options.preset)
+    return o if options.steps is None else TrainOptions(preset=options.preset, steps=options.steps)
 
 
 def _train(

@@ -19,7 +19,7 @@ from gsut.run import Progress, TrainOptions
 from gsut.run.options import fit_to_views
 from gsut.training import TrainingLoop, choose_degree
 from gsut.training.first import (
-    choose_complexity,
+    choose_number,
     describe_fixed,
     find_plain_background,
     prepare_scene,
@@ -100,8 +100,11 @@ def train(
     fresh = record.checkpoint is None
     tracks = refine_first_poses(scene, o, progress is True) if fresh else None  # sfm/, refine/
     # the number of Gaussians that the photographs support
-    complexity = choose_complexity(scene, asked, record.note, degree_because)
-    o = dataclasses.replace(o, max_gaussians=complexity.max_gaussians)
+    number, notes = choose_number(scene, asked)
+    notes += [degree_because] if degree_because else []
+    for note in notes:
+        record.note(note)
+    o = dataclasses.replace(o, max_gaussians=number)
     loop = TrainingLoop(scene, o, tracks=tracks)  # gaussians/: the first ones
     with record.follow(loop):
         while loop.step < o.steps and record.goes_on:
@@ -114,7 +117,7 @@ def train(
     scene, metrics = measure_training(loop, gaussians, scene, record.run)  # evaluate/
     for note in metrics["notes"][len(scene.notes) :]:
         record.note(note)
-    complexity.add_to(metrics)
+    metrics["notes"] += notes
     if record.run is not None:
         refined = scene if o.refine_poses else None  # formats/, verdict
         write_results(record.run, gaussians, metrics, scene.path, refined, asked)

@@ -128,17 +128,6 @@ def make_truth(
     )  # fmt: skip
 
 
-def count_missed(truth: Truth, alpha: np.ndarray, alpha_min: float) -> int:
-    """Counts smooth sampled pixels whose light is off by half a Gaussian at the cut-off or more.
-
-    A Gaussian that a pixel misses leaves a share of at least `alpha_min` too much of the light.
-    """
-    found, exact = (np.log1p(-each) for each in (alpha[truth.pixels != 0], truth.alpha))
-    with np.errstate(invalid="ignore"):  # of two pixels that are covered whole
-        off = np.abs(found.astype(np.float64) - exact) > 0.5 * alpha_min
-    return int(np.count_nonzero(off & truth.smooth))
-
-
 def errors_of(truth: Truth, image: np.ndarray, gradients: Gaussians | None) -> Errors:
     """Compares an image and, if given, gradients for `truth.dimage`.
 

@@ -18,7 +18,6 @@ _FOX = tuple(
 )
 _KNOWN = ("sponza_fisheye", "known")
 _WHOLE, _KEPT = ("sponza_fisheye", "whole model"), ("sponza_fisheye", "ghap")
-_LIGHT = "exposure + falloff + noise"
 _ROOM = ("synthetic_100k_640x480",)
 _PSNR, _TIME, _VIEW = "held-out PSNR [dB]", "whole command [s]", "a view [CPU-ms]"
 _TURN, _CPU = "rotation [degrees]", "time [CPU-s]"
@@ -43,11 +42,6 @@ FIGURES: dict[str, tuple[str, list[_Cell]]] = {
     "compaction of 500,000 Gaussians to a fifth": (
         "{:.2f} to {:.2f} dB, {:.0f} to {:.0f} CPU-ms a view",
         [("results", "table: compact", row, c) for c in (_PSNR, _VIEW) for row in (_WHOLE, _KEPT)],
-    ),
-    "photographs whose exposure drifts by 7 %, rim at 65 % of the light": (
-        "{:.2f} to {:.2f} dB against the truth",
-        [("results", "table: light", (_LIGHT, f"--exposure {way}"), "undisturbed truth [dB]")
-         for way in ("off", "auto")],
     ),
     "rendering, 100,000 Gaussians at 640 x 480, fisheye": (
         "{:.1f} CPU-ms, image rms {:.0e}, {:.0f} x a scalar renderer",

@@ -93,16 +93,6 @@ def _make_mesh(suffix: str) -> Callable[[Path], Path]:
     return make
 
 
-def _make_text_mesh(folder: Path) -> Path:
-    path = folder / "a.ply"
-    path.write_text(
-        "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\n"
-        "property float z\nelement face 2\nproperty list uchar int vertex_indices\nend_header\n"
-        "0 0 0\n1 0 0\n0 1 0\n1 1 0\n3 0 1 2\n4 0 1 3 2\n"
-    )
-    return path
-
-
 def _make_points(folder: Path) -> Path:
     small_datasets.write_ply(folder / "a.ply", *small_datasets.points())
     return folder / "a.ply"
@@ -182,8 +172,6 @@ READERS = {
     **{name: Reader(make, formats.load_gaussians, _is_scene) for name, make in _SCENES.items()},
     "large PLY": Reader(_make_scene(".ply"), lambda path: formats.open_ply(path, 10_000)),
     "mesh PLY": Reader(_make_mesh(".ply"), load_mesh, _is_mesh),
-    "mesh text PLY": Reader(_make_text_mesh, load_mesh, _is_mesh),
-    "mesh OFF": Reader(_make_mesh(".off"), load_mesh, _is_mesh),
     "mesh OBJ": Reader(_make_mesh(".obj"), load_mesh, _is_mesh),
     "points": Reader(_make_points, lambda path: find_usable_points(load_points_ply(path)[0])),
     **{

@@ -26,7 +26,6 @@ from gsut.capture.exif import read_facts
 from gsut.capture.track import read_film_facts
 from gsut.capture.turns import read_gcsv
 from gsut.capture.video import Video
-from gsut.cli.edit import _read_undo
 from gsut.data.capture_file import read_capture
 from gsut.data.errors import raise_error
 from gsut.data.images.decode import decode_mask, read_header
@@ -191,7 +190,7 @@ EXAMPLES: dict[str, Make] = {
     ),
     "confidence": write_by("b.npz", lambda file: make_confidence().save(file), Confidence.load),
     "dataset": write_dataset,
-    "depths and normals": write_by("d.npy", lambda f: np.save(f, np.ones((3, 4))), _load_numbers),
+    "depths": write_by("d.npy", lambda f: np.save(f, np.ones((3, 4))), _load_numbers),
     "facts of a photograph": write_by("a.jpg", write_picture, read_facts),
     "header of a picture": write_by("a.png", write_picture, read_header),
     "history of a run": write_by(
@@ -231,9 +230,6 @@ EXAMPLES: dict[str, Make] = {
             "lens": {"model": "pinhole", "params": [9.0, 9.0, 8.0, 8.0], "width": 16, "height": 16},
         }]}, read_edits,
     ),
-    "transforms of nerfstudio's trainings": write_values(
-        "dataparser_transforms.json", {"transform": POSE[:3], "scale": 0.5}, _read_undo
-    ),
     "what was lifted": write_by(
         "l.npz",
         lambda file: Lifted(np.ones((3, 2)), np.ones(3), np.array([2, 7])).save(file),
@@ -269,7 +265,7 @@ EXAMPLES: dict[str, Make] = {
     "large PLY of Gaussians": write_by(
         "large.ply", write_scene, lambda file: formats.open_ply(file, 10_000)
     ),
-    "mesh": write_by("m.off", write_mesh, load_mesh),
+    "mesh": write_by("m.obj", write_mesh, load_mesh),
     "Gyroflow's log": write_by(
         "film.gcsv",
         lambda file: file.write_text("GYROFLOW IMU LOG\nversion,1.3\nt,gx,gy,gz\n0,1,2,3\n"),

@@ -40,7 +40,6 @@ def train(
     with contextlib.ExitStack() as stack:
         if not report:
             stack.enter_context(mock.patch("gsut.training.record.results.write_report"))
-            stack.enter_context(mock.patch("gsut.blocks.stages.write_map"))
         return gsut.train_blocks(scene, training, options, out=out, resume=resume, progress=False)
 
 

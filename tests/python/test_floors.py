@@ -15,8 +15,8 @@ MAX_DOOR, MAX_DOORS = 30, 278  # names in a folder's __all__; in those of floors
 WIDER_DOORS = {"files": 51}  # through which alone all others read and write, a name a kind of file
 LIBRARIES = {
     *("av", "cv2", "jinja2", "numpy", "PIL", "simplejpeg", "tqdm", "yaml"),
-    # Optional: fewer faces, photographs, USD, SPZ, clusters, ROS bags.
-    *("fast_simplification", "pillow_heif", "rawpy", "pxr", "zstandard", "ray", "rosbags", "laspy"),
+    # Optional: photographs, USD, SPZ, clusters, ROS bags.
+    *("pillow_heif", "rawpy", "pxr", "zstandard", "ray", "rosbags", "laspy"),
 }
 # These alone import the package gsut itself: the public names.
 WHOLE_PACKAGE = ("gsut.cli", "gsut.torch", "gsut.__main__")

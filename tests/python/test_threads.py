@@ -186,7 +186,8 @@ SHARED = {
     "Mesh": (
         lambda _: tetrahedra(),
         [lambda mesh: mesh.compute_normals(), lambda mesh: mesh.compute_face_vectors(),
-         lambda mesh: mesh.keep_largest_parts(1), lambda mesh: mesh.crop(np.zeros(3), np.ones(3))],
+         lambda mesh: mesh.without_small_parts(0.5),
+         lambda mesh: mesh.crop(np.zeros(3), np.ones(3))],
     ),
 }  # fmt: skip
 APART = {"GaussianOptimizer"}  # what changes with each call: below

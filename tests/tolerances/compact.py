@@ -2,7 +2,6 @@
 
 # relative L2 of blend weights and their sum: float sums over some thousand pixels; worst 1.3e-7
 COMPACT_WEIGHTS = 2.6e-7
-COMPACT_SUMS = 1e-7  # relative: sums of some thousand floats in other orders; worst 1.8e-8
 COMPACT_SCORE = 1e-6  # relative: one formula in two orders of rounding
 # Relative: double along rays that are stored as floats; worst 2.9e-9 and 1e-10
 COMPACT_HITS = 6e-9
@@ -11,13 +10,10 @@ COMPACT_WINNER = 1e-12  # two weights as equal as double can tell; worst 0
 # Relative: as above, squared derivatives; worst 4.0e-8
 COMPACT_FISHER = 8e-8
 COMPACT_LOG_DET = 1e-6  # of a determinant of 6 x 6 numbers as good as that; worst 4.8e-7
-# Relative: central differences without the cut-off at 1/255, which is worth 1e-3; worst 3.8e-4
-COMPACT_FISHER_DIFFERENCES = 7.6e-4
 # Image rms after merging pairs of equal Gaussians back; some merge with neighbours; worst 0.016
 COMPACT_DUPLICATES = 0.032
 COMPACT_INVARIANCE_DB = 1e-3  # what is promised; worst 8e-6
 COMPACT_BYTES = 210  # peak, of each Gaussian with the arrays given (56); worst 105
-COMPACT_SECONDS = 12.0  # processor seconds of 100 000: a million in 60 s on two cores; found 3.2
 SUPPORT = 1e-6  # of the largest, and of the sum: float32 against double; worst 9e-8
 FLOATERS_LEFT = 0.068  # share of the squared error of planted ones; worst 0.034
 FLOATERS_WRONG = 0.005  # share of what is there; worst 0

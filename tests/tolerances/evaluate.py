@@ -13,9 +13,6 @@ PATH_OFF_THE_CIRCLE = 0.01
 # as of straight lines between the keys, gives 0.68)
 PATH_CHANGE_OF_SPEED = 0.025
 SAME_FRAME_DB = 2e-3  # the same Gaussians in float32 about another zero
-SAME_FRAME_IMAGE = 1e-4  # of float32 against double, at UTM coordinates
-SAME_FRAME_SLOPE = 1e-3  # the same, of the gradient to the pose, relative
-SAME_FRAME_PIXELS = 1e-4  # the same Gaussians projected about two zeros
 COMPACT_IN_PLACE_DB = 3.0  # a tenth of 600 Gaussians is gone, nothing is fine-tuned
 LOCALIZED_ROUGHLY = 0.1  # units, in a scene of 150 steps, 48 x 48 pixels
 REFINED_IN_PLACE = 0.3  # units that 150 steps on 48 x 48 pixels move exact poses

@@ -8,4 +8,3 @@ VIEW_MEDIAN = 0.1  # statistical: median of 5000 distances, more than 5 standard
 
 GROUND_DEGREES = 0.1  # 1500 Gaussians 0.01 about a floor of 8 x 8; worst 0.03
 GROUND_LEVEL = 0.01  # of the same; worst 0.004
-EDIT_UNDONE = 1e-5  # float32 of means to 20 units, twice rounded; worst observed 2e-6

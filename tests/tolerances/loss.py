@@ -12,7 +12,6 @@ LIGHT_SUMS = 1e-6  # products in float, sums in double
 # The photograph model on 48 x 48 pixels. Gains that drift slowly around a ring of ten views are the
 # last that a scene unlearns: after 300 steps log-gains are off by 0.040 at worst
 LIGHT_GAIN = 0.08
-FIRST_GAIN = 0.016  # noise of 2.5 grey levels, some 300 points a view; worst 0.0081
 LIGHT_GAUGE = 1e-12  # rounding of exp and log
 LIGHT_FALLOFF = 0.008  # of noise seen once by each of ten views; worst 0.0042
 LIGHT_LEVEL = 1e-4  # rounding to float and of the gain; worst 1e-6

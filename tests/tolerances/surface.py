@@ -18,14 +18,11 @@ SURFACE_EXACT = 1e-12  # a product of doubles
 SURFACE_LOSS_DIFFERENCES = 1e-6  # central differences of a smooth loss in double
 SURFACE_LOSS_FLOAT = 1e-4  # float maps, sums in double
 SURFACE_TERMS = 2e-3  # relative L2: float renders, and the blend's cut-offs, which differences see
-GRID_VOXELS = 0.3  # a mesh within a quarter voxel, its chords; worst 0.255
 CLOUD_UNITS = 5e-7  # float32 of a PLY at 4 units, float depths; worst 2.1e-7
 PLANE_POINTS = 1e-2  # discs of a thousandth of a unit, seen at a slant; worst 5.1e-3
 DEPTH_LEVELS = 0.51e-3  # half a level of 16 bits
 SURFEL = 2e-5  # a thickness of 1e-4 seen at up to 89 degrees, float depths; worst 1.3e-5
 SURFEL_GRADIENTS = 1e-4  # relative L2, of the same; worst 4.4e-5
-# Of the largest change: differences in double of step 1e-6.
-MESH_FIT_SLOPES = 1e-6
 REFINED_MEDIAN = (
     0.006  # of the distance: 0.05 pixels of parallax on pictures of 80 x 80; worst 4.5e-3
 )

@@ -9,7 +9,6 @@ from typing import Any
 from gsut import _core
 from gsut._core import InputError
 from gsut.blocks.cluster import Cluster
-from gsut.blocks.layout import Layout
 from gsut.blocks.plan import ROUNDS, check_trainable, limit_cache_bytes
 from gsut.blocks.stages import BlocksResult, Stages
 from gsut.blocks.workers import Workers
@@ -100,14 +99,13 @@ def _open_run(
             instruction set.
     """
     environment = describe_environment(scene.path) | {"digests": digest_scene(scene)}
-    counted = blocks.count() or blocks.blocks == "auto"
-    given = None if counted else Layout.read(blocks.blocks).as_dict()
-    division = {"blocks": blocks.blocks if given is None else given}
-    now = to_plain(
-        division | {"tasks": _TASKS, "version": _core.__version__, "isa": _core.active_isa()}
+    now = to_plain({
+        "blocks": blocks.blocks, "tasks": _TASKS, "version": _core.__version__,
+        "isa": _core.active_isa(),
+    })  # fmt: skip
+    run = RunFolder.create(
+        out, options, resume=resume, environment=environment, blocks={"plan.json": now}
     )
-    first = {"plan.json": now} | ({} if given is None else {"layout.json": given})
-    run = RunFolder.create(out, options, resume=resume, environment=environment, blocks=first)
     plan = read_plan(run) or {}
     for name, value in now.items():
         if plan.get(name) != value:

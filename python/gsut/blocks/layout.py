@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from typing import Any
 
 import numpy as np
@@ -16,6 +15,7 @@ from gsut.run.options import MOST_BLOCKS
 _FAR = 2.0
 # Least work of far things, x the mean of the blocks, for a block of their own.
 _FAR_WORTH = 0.5
+_DAMAGED = "it is damaged: start a new run"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Layout:
             coordinate is above; or None: one block. Blocks are numbered by the leaves, below first.
         near: (low, high) corners beyond which everything is the last block; None: no such block.
 
-    Coordinates are the dataset's, so that a file is valid for every run on it.
+    Coordinates are the dataset's.
     """
 
     tree: dict[str, Any] | None
@@ -46,32 +46,8 @@ class Layout:
         return out
 
     def as_dict(self) -> dict[str, Any]:
-        """Returns a dict for JSON, which `from_dict` reads."""
+        """Returns a dict for JSON, which `read` reads."""
         return {"tree": self.tree, "near": None if self.near is None else list(self.near)}
-
-    @classmethod
-    def from_dict(cls, values: Any, source: str) -> Layout:
-        """Makes a layout of the result of `as_dict`, or of what somebody wrote by hand.
-
-        Raises:
-            InputError: names what is wrong in the file `source`.
-        """
-        if not isinstance(values, dict) or "tree" not in values:
-            raise InputError(
-                f'{source}: a layout is {{"tree": {{"axis": 0, "at": 1.5, "below": null, "above": '
-                'null}}, with "near": [[low], [high]] if far things are a block of their own'
-            )
-        _check_tree(values["tree"], source, "tree")
-        near = values.get("near")
-        if near is not None:
-            corners = np.array(near, float) if _are_numbers(near) else np.zeros(0)
-            if corners.shape != (2, 3) or not (corners[0] < corners[1]).all():
-                raise InputError(f'{source}: "near" is two corners, the lower one first: {near!r}')
-            near = (tuple(corners[0].tolist()), tuple(corners[1].tolist()))
-        layout = cls(values["tree"], near)
-        if len(layout) > MOST_BLOCKS:
-            raise InputError(f"{source}: {len(layout)} blocks, more than {MOST_BLOCKS}")
-        return layout
 
     @classmethod
     @register_reader("layout of blocks", ".json")
@@ -79,9 +55,13 @@ class Layout:
         """Reads a layout from a JSON file.
 
         Raises:
-            InputError: it cannot be read or understood.
+            InputError: it cannot be read or is damaged.
         """
-        return cls.from_dict(read_json(path, advice="correct it"), path)
+        values = read_json(path, {"tree": object, "near": object}, advice=_DAMAGED)
+        near = values["near"]
+        if not (_is_tree(values["tree"]) and (near is None or np.shape(near) == (2, 3))):
+            raise InputError(f"{path}: is no layout of blocks; {_DAMAGED}")
+        return cls(values["tree"], near and (tuple(near[0]), tuple(near[1])))
 
 
 def cut_scene(points: np.ndarray, work: np.ndarray, centers: np.ndarray, count: int) -> Layout:
@@ -151,26 +131,13 @@ def _number_points(
     _number_points(tree["above"], points, rows[~below], first + _count_leaves(tree["below"]), out)
 
 
-def _check_tree(tree: Any, source: str, where: str, depth: int = 0) -> None:
-    if tree is None:
-        return
-    known = {"axis", "at", "below", "above"}
-    if not isinstance(tree, dict) or set(tree) != known or depth > MOST_BLOCKS:
-        raise InputError(
-            f'{source}: {where} must be null (one block) or have "axis", "at", "below" and "above"'
-        )
-    if tree["axis"] not in (0, 1, 2) or isinstance(tree["axis"], bool):
-        raise InputError(f"{source}: {where}.axis is {tree['axis']!r}; 0, 1 or 2")
-    if not (_are_numbers([[tree["at"]]]) and math.isfinite(tree["at"])):
-        raise InputError(f"{source}: {where}.at is {tree['at']!r}; a coordinate")
-    for side in ("below", "above"):
-        _check_tree(tree[side], source, f"{where}.{side}", depth + 1)
-
-
-def _are_numbers(rows: Any) -> bool:
-    """Returns whether `rows` is a list of lists of numbers."""
-    return isinstance(rows, list) and all(
-        isinstance(row, list)
-        and all(isinstance(value, (int, float)) and not isinstance(value, bool) for value in row)
-        for row in rows
+def _is_tree(tree: Any) -> bool:
+    """Returns whether a value of JSON is a tree of `Layout`."""
+    return tree is None or (
+        isinstance(tree, dict)
+        and tree.keys() == {"axis", "at", "below", "above"}
+        and tree["axis"] in (0, 1, 2)
+        and isinstance(tree["at"], float)
+        and _is_tree(tree["below"])
+        and _is_tree(tree["above"])
     )

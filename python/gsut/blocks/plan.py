@@ -46,10 +46,8 @@ _CONTEXT_ROWS = 3
 _FRAME_BYTES = 600
 # Bytes of a pixel of the image, its gradient and the loss' buffers.
 _PIXEL_BYTES = 200
-# Bytes of a pixel of a photograph's precomputed target.
-_TARGET_BYTES = 40
-# Bytes of a decoded pixel.
-_IMAGE_BYTES = 3
+# Bytes of a pixel of a photograph: decoded, and of its precomputed target.
+_PHOTOGRAPH_BYTES = 43
 # Most bytes of decoded photographs that a training keeps; others are decoded again.
 _PHOTOGRAPHS_KEPT = 3 << 30
 # Photographs that are kept decoded even if memory is short.
@@ -112,7 +110,7 @@ def _count_pixels(scene: Scene) -> int:
 
 def _estimate_photograph_bytes(scene: Scene, views: int) -> int:
     """Estimates the memory of the decoded photographs of some views."""
-    return min(_PHOTOGRAPHS_KEPT, views * _count_pixels(scene) * (_TARGET_BYTES + _IMAGE_BYTES))
+    return min(_PHOTOGRAPHS_KEPT, views * _count_pixels(scene) * _PHOTOGRAPH_BYTES)
 
 
 def choose_coarse_scale(scene: Scene) -> float:

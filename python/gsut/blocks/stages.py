@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from gsut import _core
-from gsut.blocks.block_map import write_map
 from gsut.blocks.board import Board, Counter
 from gsut.blocks.cluster import Cluster
 from gsut.blocks.coarse import Coarse, train_coarse
@@ -46,7 +45,7 @@ from gsut.run import (
     read_plan,
 )
 from gsut.system import rename_over
-from gsut.training.first import choose_complexity, find_plain_background
+from gsut.training.first import choose_number, find_plain_background
 from gsut.training.record import (
     TrainedRun,
     describe_place,
@@ -121,8 +120,9 @@ class Stages:
         self._engine = engine
         if options.background is None:
             options = dataclasses.replace(options, background=find_plain_background(scene))
-        self._complexity = choose_complexity(scene, options, degree_because=degree_because)
-        self._options = dataclasses.replace(options, max_gaussians=self._complexity.max_gaussians)
+        number, self._notes = choose_number(scene, options)
+        self._notes += [degree_because] if degree_because else []
+        self._options = dataclasses.replace(options, max_gaussians=number)
         self._scene = scene
         self._folder = run.path / RunFile.BLOCKS
         self.clock = StageClock(run)
@@ -135,11 +135,7 @@ class Stages:
         """Returns the number of blocks; a resumed run keeps its own."""
         plan = read_plan(self._run) or {}
         if "count" not in plan:
-            layout = self._run.path / _LAYOUT  # given by the user
-            if layout.is_file():
-                plan["count"] = len(Layout.read(str(layout)))
-            else:
-                plan["count"] = choose_count(self._scene, self._options, self._blocks)
+            plan["count"] = choose_count(self._scene, self._options, self._blocks)
             self._run.write_json(RunFile.PLAN, plan)
         return int(plan["count"])
 
@@ -257,7 +253,7 @@ class Stages:
         scene = self.coarse.scene
         row: dict[str, Any] = {
             "step": step, "num_gaussians": sum(self._store.count_gaussians(self._turn)),
-            "seconds": self.clock.count_seconds(),
+            "seconds": sum(self.clock.seconds.values()),
         }  # fmt: skip
         test = scene.test_indices
         if test and not self._options.refine_poses:
@@ -287,13 +283,12 @@ class Stages:
             TrainedRun(o, scene, self._open_scene(), self.coarse.light), chosen, self._run,
             steps=steps, train_seconds=seconds, align=o.refine_poses,
         )  # fmt: skip
-        self._complexity.add_to(metrics)
+        metrics["notes"] += self._notes
         if self.coarse.figures is not None:
             metrics["refinement"] = self.coarse.figures
-        write_map(self._folder, *self._store.sample(self._turn), scene)
         metrics["blocks"] = {
             "count": len(self.layout), "rounds": ROUNDS,
-            "workers": self._blocks.workers, "rows": rows, "stages": self.clock.rows,
+            "workers": self._blocks.workers, "rows": rows, "stages": self.clock.seconds,
             "coarse": {"gaussians": len(self.coarse.gaussians), "pixels": self.coarse.pixels,
                        "steps": make_coarse_options(o, self._count).steps,
                        "seconds": self.coarse.seconds},

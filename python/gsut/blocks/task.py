@@ -168,7 +168,7 @@ def _pack_view(view: View) -> dict[str, Any]:
     values = {field.name: getattr(view, field.name) for field in dataclasses.fields(view)}
     values["image_path"] = str(view.image_path)
     values["mask_path"] = None if view.mask_path is None else str(view.mask_path)
-    del values["depth_path"], values["depth_form"], values["normal_path"]
+    del values["depth_path"], values["depth_form"]
     values["shutter"] = None
     if view.shutter is not None:
         values["shutter"] = [view.shutter.direction, view.shutter.parity]

@@ -18,7 +18,7 @@ from gsut.check.memory import check_memory
 from gsut.check.photographs import check_photographs, name_far_views
 from gsut.check.points import check_points_frame
 from gsut.data import Scene, assemble, load_dataset, read_dataset
-from gsut.data.scene import TEST_EVERY, find_bad_maps
+from gsut.data.scene import TEST_EVERY, find_bad_depths
 
 _COLOR_VIEWS = 5  # views whose colours the quick check compares: enough for a median
 
@@ -115,7 +115,7 @@ def _diagnose_scene(scene: Scene, progress: bool) -> list[Finding]:
         *check_images(scene, progress=progress),
         *(
             Finding("warning", where, str(error), "training with --surface stops there")
-            for error in find_bad_maps(scene)
+            for error in find_bad_depths(scene)
         ),
         *check_colors(scene, progress=progress),
     ]

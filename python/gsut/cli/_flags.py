@@ -46,14 +46,13 @@ def add_force(parser: argparse.ArgumentParser) -> None:
 
 
 def check_first(
-    scene: Any, force: bool, quiet: bool = False, matches: Any = None, mends: Sequence[str] = ()
+    scene: Any, force: bool, quiet: bool = False, mends: Sequence[str] = ()
 ) -> list[Any]:
     """Runs the doctor's quick checks and prints what will make the result worse.
 
     Args:
         scene: that is looked at.
         force: go on although the data contradict themselves. quiet: only errors.
-        matches: of `gsut.check.match_neighbours`, where they are known already.
         mends: "poses" or "lens", where they are refined: an error in them is only a note.
 
     Returns:
@@ -64,7 +63,7 @@ def check_first(
     """
     from gsut.check import check_scene, stop_at_errors
 
-    findings = check_scene(scene, matches)
+    findings = check_scene(scene)
     mended = [each for each in findings if each.severity == "error" and each.subject in mends]
     others = [each for each in findings if each not in mended]
     for finding in [] if quiet else mended:

@@ -32,7 +32,7 @@ class DepthOutput:
     """
 
     def __init__(self, arguments: argparse.Namespace, folder: Path | None) -> None:
-        self.folder, self._along, self._kind = folder, arguments.depth, arguments.depth_kind
+        self.folder, self._along = folder, arguments.depth
         self._file = Path(arguments.cloud) if arguments.cloud else None
         self._cloud = Cloud(None)
         self._frames: list[Frame] = []
@@ -45,8 +45,6 @@ class DepthOutput:
         Raises:
             InputError: depths of a film, a unit out of range, or a file that exists.
         """
-        if arguments.depth_kind != "median" and arguments.depth is None:
-            raise InputError("--depth-kind is of depths; add --depth ray or --depth z")
         if arguments.depth is None and not arguments.cloud:
             return None
         if arguments.depth and folder is None:
@@ -77,7 +75,7 @@ class DepthOutput:
             self._cloud.add(DepthMap(camera, place, distance, None, image))
         if self._along is None or self.folder is None:
             return
-        depth = measure_depth(result, self._kind, self._along)
+        depth = measure_depth(result, along=self._along)
         (self.folder / _DEPTH).mkdir(exist_ok=True)
         file = self.folder / _DEPTH / f"{name}.npy"
         write_npy(file, depth.astype(np.float32))
@@ -98,7 +96,7 @@ class DepthOutput:
         else:
             poses = {"world_from_camera": invert_pose(np.asarray(place, np.float64))}
         # By that name a dataset's depths are along the rays.
-        along_rays = file if self._along == "ray" and self._kind != "sum" else None
+        along_rays = file if self._along == "ray" else None
         self._frames.append(
             Frame(name, self.folder / f"{name}.png", camera, depth_path=along_rays, **poses)
         )
@@ -108,7 +106,7 @@ class DepthOutput:
         figures: dict[str, Any] = {}
         if self.folder is not None and self._frames:
             write_transforms(self.folder / "transforms.json", self._frames, test=())
-            figures |= {_DEPTH: self._along, "depth_kind": self._kind}
+            figures[_DEPTH] = self._along
         if self._too_far:
             share = self._too_far / self._known
             say(

@@ -45,10 +45,6 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="instead: the fewest Gaussians that lose at most DB on the held-out views",
     )  # fmt: skip
     parser.add_argument(
-        "--target-size", metavar="SIZE",
-        help="instead: the most Gaussians that fit into a PLY file of this size, such as 5MB",
-    )  # fmt: skip
-    parser.add_argument(
         "--method", default="ghap", metavar="METHOD",
         help="ghap: merge neighbours where it costs least, weighted by what the lenses see, and "
         "fit colours to the whole model's pictures; field: without the fit; ghap-paper: the "
@@ -64,15 +60,12 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from gsut.run.options import parse_size
     from gsut.training.tuning import CompactOptions
 
-    size = arguments.target_size
     options = CompactOptions(
         method=arguments.method,
         keep=arguments.keep,
         target_psnr_drop=arguments.target_psnr_drop,
-        target_bytes=None if size is None else parse_size(size),
         finetune=arguments.finetune,
     )
     if Path(arguments.source).suffix.lower() == _PLY or Path(arguments.source).is_file():
@@ -91,7 +84,6 @@ def _compact_file(arguments: argparse.Namespace, options: Any) -> dict[str, Any]
     import gsut
     from gsut.compact import check_method, compact
     from gsut.formats import check_room
-    from gsut.training.tuning import count_for_bytes
 
     if options.finetune or options.target_psnr_drop is not None:
         raise InputError(
@@ -104,11 +96,8 @@ def _compact_file(arguments: argparse.Namespace, options: Any) -> dict[str, Any]
     refuse_existing(out)
     gaussians = gsut.formats.load_ply(arguments.source)
     check_room("compacting", [gaussians], _WORKING)
-    keep, count = options.keep, None
-    if options.target_bytes is not None:
-        count = count_for_bytes(gaussians, options.target_bytes)
     started = time.perf_counter()
-    result = compact(gaussians, keep, count=count, method=options.method, seed=options.seed)
+    result = compact(gaussians, options.keep, method=options.method, seed=options.seed)
     seconds = time.perf_counter() - started
     gsut.formats.save_ply(out, result.gaussians)
     if not arguments.quiet and not arguments.json:

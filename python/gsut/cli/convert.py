@@ -24,7 +24,6 @@ DESCRIPTION = (
 _WORKING = 6.5  # of the Gaussians' numbers, beside them: written, read again and compared
 _PAGE = ".html"
 _PHOTOGRAPHS = 6  # most held-out photographs in a page: each takes about 100 kB
-_PLAYCANVAS = (".sog", ".compressed.ply")  # which PlayCanvas' viewers show
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
@@ -33,11 +32,6 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="a finished run, a file of Gaussians of any known format, or streamed levels",
     )  # fmt: skip
     parser.add_argument("out", metavar="OUT", help="the file to write; its suffix says the format")
-    parser.add_argument(
-        "--three-scales", action="store_true",
-        help="of a .ply of surfels: with a third scale, as programs need it that know no 2DGS "
-        "[default: as 2DGS, without]",
-    )  # fmt: skip
     parser.add_argument(
         "--for", choices=("gsut", "viewers"), default="gsut", dest="reader",
         help="viewers: fine-tune a run's scene so that viewers, which draw every Gaussian affinely "
@@ -94,7 +88,7 @@ def run(arguments: argparse.Namespace) -> int:
     check_room("converting", [gaussians], _WORKING)
     if arguments.reader == "viewers":
         gaussians, tuning = _tune_for_viewers(arguments)
-    settings = WriteSettings(antialiased=found.antialiased, three_scales=arguments.three_scales)
+    settings = WriteSettings(antialiased=found.antialiased)
     figures = {
         "source": str(path),
         "source_bytes": _count_bytes(path),
@@ -124,10 +118,8 @@ def _write_stream(arguments: argparse.Namespace, out: Path) -> int:
     from gsut.training import load_run
     from gsut.training.tuning import make_levels
 
-    if arguments.reader == "viewers" or arguments.three_scales:
-        raise InputError(
-            "levels hold the scene as gsut draws it; leave --for viewers and --three-scales out"
-        )
+    if arguments.reader == "viewers":
+        raise InputError("levels hold the scene as gsut draws it; leave --for viewers out")
     if out.suffix.lower() in FILE_SUFFIXES:
         raise InputError(f"{out}: --stream writes a folder; give a name without {out.suffix}")
     if not (Path(arguments.source) / RunFile.OPTIONS).is_file():
@@ -214,7 +206,6 @@ def _tune_for_viewers(arguments: argparse.Namespace) -> tuple[Any, dict[str, Any
     with Progress(not arguments.json) as bars:
         tuned = tune_for_viewers(
             scene, gaussians, steps, background=choose_solid(options.background),
-            for_playcanvas=arguments.out.lower().endswith(_PLAYCANVAS),
             on_step=lambda step, loss: bars.show("for viewers", step, steps, f"loss {loss:.4f}"),
         )  # fmt: skip
     figures = {

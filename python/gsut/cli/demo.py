@@ -81,11 +81,11 @@ def _find_rig_poses(truth: Path, found: Path) -> dict[str, Any]:
     """Finds the poses of the demo's rig; returns their errors."""
     from gsut.cli.poses import find_with_bar
     from gsut.data.rigs import read_rig
-    from gsut.sfm import compare_datasets, find_poses, is_finished
+    from gsut.sfm import compare_datasets, is_finished
 
     if not is_finished(found):
         rig = read_rig(truth / "rig.json")
-        find_with_bar(find_poses, truth / "images", found, True, camera=rig)
+        find_with_bar(truth / "images", found, True, camera=rig)
     errors = compare_datasets(truth, found)
     return {
         "images": errors.images,

@@ -74,10 +74,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _write_view(scene: Scene, view: int, found: DepthMap, folder: Path, name: str) -> Frame:
-    """Writes depth, confidence and normals of a view by this name; returns its frame.
-
-    The frame does not name the normals: they make `--surface` worse.
-    """
+    """Writes depth, confidence and normals of a view by this name; returns its frame."""
     from gsut._core import CameraMotion
     from gsut.data import Frame
     from gsut.data.poses import invert_pose
@@ -105,5 +102,5 @@ def _write_view(scene: Scene, view: int, found: DepthMap, folder: Path, name: st
 
 
 def _encode_normals(normals: np.ndarray) -> np.ndarray:
-    """Returns the picture (H, W, 3) uint8 that `read_normals` reads."""
+    """Returns normals as a picture (H, W, 3) uint8, blue first: (n + 1) / 2 of 255."""
     return np.rint((normals[..., ::-1] + 1) * (255 / 2)).astype(np.uint8)

@@ -12,7 +12,7 @@ from gsut._core import InputError
 from gsut.bounds import LEAST_SCALE
 from gsut.cli._flags import add_json, finite, print_json
 from gsut.cli.convert import find_scene_file
-from gsut.files import Number, read_json, refuse_existing, register_reader
+from gsut.files import refuse_existing
 
 HELP = "cut, level, scale and merge scenes"
 DESCRIPTION = (
@@ -22,8 +22,6 @@ DESCRIPTION = (
 )
 
 _WORKING = 5.0  # of the Gaussians' numbers, beside them: turned in float64, and written
-# Of dataparser_transforms.json.
-_UNDO = {"transform": Number(shape=(3, 4)), "scale": Number(least=float(np.finfo(float).tiny))}
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
@@ -44,13 +42,6 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         nargs=6,
         metavar=("X", "Y", "Z", "X", "Y", "Z"),
         help="keep what lies between these two corners",
-    )
-    parser.add_argument(
-        "--crop-sphere",
-        type=finite,
-        nargs=4,
-        metavar=("X", "Y", "Z", "R"),
-        help="keep what lies within R of this point",
     )
     parser.add_argument(
         "--min-opacity", type=finite, metavar="X", help="leave out what is less opaque, of 0 to 1"
@@ -85,11 +76,6 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="instead of up and scale: where a run's photographs were taken, by GPS or surveyed; a "
         "line each under a heading name,latitude,longitude,altitude or name,x,y,z (metres, z up). "
         "Afterwards x is east, -y up and z north, and lengths are metres",
-    )  # fmt: skip
-    parser.add_argument(
-        "--undo", metavar="FILE.json",
-        help="instead of up and scale: nerfstudio's dataparser_transforms.json, whose rotation, "
-        "shift and scale are taken back, into the coordinates of transforms.json",
     )  # fmt: skip
     add_json(parser)
 
@@ -127,14 +113,10 @@ def run(arguments: argparse.Namespace) -> int:
         whole = whole[apply_edits(whole, read_edits(arguments.apply))]
     kept = whole[_select_kept(whole, arguments)]
     if len(kept) == 0:
-        raise InputError(
-            "nothing is left; cut less (--apply, --crop-box, --crop-sphere, --min-opacity)"
-        )
+        raise InputError("nothing is left; cut less (--apply, --crop-box, --min-opacity)")
     if arguments.positions:
         fit = _fit_of_positions(arguments)
         scale, rotation, translation = fit.scale, fit.rotation, fit.translation
-    elif arguments.undo:
-        scale, rotation, translation = _read_undo(Path(arguments.undo))
     else:
         rotation, height = _find_level(arguments, kept)
         translation = scale * np.array([0.0, height, 0.0])
@@ -180,9 +162,8 @@ def _print_summary(figures: dict[str, Any]) -> None:
 def _scale_of(arguments: argparse.Namespace) -> float:
     others = (arguments.scale, arguments.up)
     by_hand = arguments.upright or arguments.ground or any(each is not None for each in others)
-    whole = [f"--{name}" for name in ("positions", "undo") if getattr(arguments, name)]
-    if len(whole) + by_hand > 1:
-        raise InputError(f"{whole[0]} says scale and up; give no other of them")
+    if arguments.positions and by_hand:
+        raise InputError("--positions says scale and up; give no other of them")
     scale = 1.0 if arguments.scale is None else arguments.scale
     if not LEAST_SCALE <= scale <= 1 / LEAST_SCALE:
         raise InputError(
@@ -192,16 +173,13 @@ def _scale_of(arguments: argparse.Namespace) -> float:
 
 
 def _select_kept(gaussians: Any, arguments: argparse.Namespace) -> np.ndarray:
-    """Selects what --crop-box, --crop-sphere and --min-opacity leave, as (N,) bool."""
-    from gsut.edit import is_inside_box, is_inside_sphere
+    """Selects what --crop-box and --min-opacity leave, as (N,) bool."""
+    from gsut.edit import is_inside_box
 
     kept, least = np.ones(len(gaussians), bool), arguments.min_opacity
     if arguments.crop_box is not None:
         corners = np.reshape(arguments.crop_box, (2, 3))
         kept &= is_inside_box(gaussians, corners.min(axis=0), corners.max(axis=0))
-    if arguments.crop_sphere is not None:
-        *center, radius = arguments.crop_sphere
-        kept &= is_inside_sphere(gaussians, np.array(center), radius)
     if least is not None:
         if not 0 <= least <= 1:
             raise InputError(f"--min-opacity must lie in 0 to 1, found {least}")
@@ -271,20 +249,3 @@ def _fit_of_positions(arguments: argparse.Namespace) -> Any:
     _, _, scene, _ = _load_trained(arguments, arguments.sources[0], "give a run for --positions")
     poses = {view.name: scene.to_dataset(view.camera_from_world) for view in scene.views}
     return fit_positions(poses, positions, arguments.positions)
-
-
-@register_reader("transforms of nerfstudio's trainings", ".json")
-def _read_undo(path: Path) -> tuple[float, np.ndarray, np.ndarray]:
-    """Reads scale, rotation (3, 3) and translation (3,) that take nerfstudio's coordinates back.
-
-    nerfstudio trains in x' = s (R x + t), with R and t in "transform" and s in "scale".
-    """
-    values = read_json(
-        path, _UNDO,
-        fails=lambda where, what, _: InputError(
-            f"{where}: is no dataparser_transforms.json ({what})"
-        ),
-    )  # fmt: skip
-    transform, scale = np.array(values["transform"], np.float64), float(values["scale"])
-    back = transform[:, :3].T
-    return 1 / scale, back, -back @ transform[:, 3]

@@ -36,13 +36,6 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         help="which views [default test: the held-out ones]",
     )
     parser.add_argument(
-        "--scale",
-        type=float,
-        metavar="X",
-        help="size of the images to the files', such as 0.5, where it is not the one that was "
-        "trained at; Gaussians are then as wide as larger pixels ask",
-    )
-    parser.add_argument(
         "-o",
         "--out",
         type=read_folder_name,
@@ -66,13 +59,10 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     from gsut.cli.train import print_figures
     from gsut.run import RunFolder
-    from gsut.training import open_trained, read_scene
+    from gsut.training import open_trained
 
     run = RunFolder.open(arguments.folder)
-    options, trained_on, gaussians = open_trained(run, None)
-    scene = trained_on
-    if arguments.scale is not None:
-        scene = read_scene(run, None, arguments.scale)[1]
+    options, scene, gaussians = open_trained(run, None)
     indices = {
         "test": scene.test_indices,
         "train": scene.train_indices,
@@ -83,10 +73,8 @@ def run(arguments: argparse.Namespace) -> int:
             f"{scene.path} has no {arguments.split} views with these options; try --split all"
         )
     with whole_folder(arguments.out) if arguments.out else contextlib.nullcontext() as out:
-        show_findings(trained_on, run)
-        figures = _measure_run(
-            arguments, run, options, (trained_on, scene), gaussians, indices, out
-        )
+        show_findings(scene, run)
+        figures = _measure_run(arguments, run, options, scene, gaussians, indices, out)
     if arguments.json:
         print_json(figures)
     else:
@@ -101,24 +89,18 @@ def _measure_run(
     arguments: argparse.Namespace,
     run: Any,
     options: Any,
-    scenes: tuple[Any, Any],
+    scene: Any,
     gaussians: Any,
     indices: Sequence[int],
     out: Path | None,
 ) -> dict[str, Any]:
-    """Returns the content of metrics.json; with `out`, writes it there beside the pictures.
-
-    scenes: as it was trained on, and as it is judged.
-    """
+    """Returns the content of metrics.json; with `out`, writes it there beside the pictures."""
     from gsut.evaluate import evaluate
-    from gsut.render import PixelFilter
     from gsut.run import Progress, RunFile, RunFolder
     from gsut.training import read_light
     from gsut.training.record import find_run_movers
 
-    trained_on, scene = scenes
     light = read_light(run, scene)
-    pixels = None if scene is trained_on else PixelFilter.from_scene(gaussians, trained_on)
     with Progress() as bars:
         figures = evaluate(
             gaussians,
@@ -126,7 +108,6 @@ def _measure_run(
             indices,
             background=options.background,
             light=light,
-            pixels=pixels,
             find_moving=find_run_movers(run, gaussians, scene, indices, light),
             render_folder=out,
             on_view=lambda done, total: bars.show("views", done, total),

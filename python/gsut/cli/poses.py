@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import os
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -58,13 +57,6 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "report.html; run the same command again to resume an interrupted run",
     )
     parser.add_argument(
-        "--photometric",
-        action="store_true",
-        help="for a video in the order of its file names, lens known: estimate poses from colours, "
-        "against Gaussians that grow image by image; where there are many features bundle "
-        "adjustment, the default, is more accurate",
-    )
-    parser.add_argument(
         "--rig",
         metavar="RIG",
         help="file of several cameras that are fixed to each other: the report.json of "
@@ -85,12 +77,6 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError("--unknown-lens contradicts --camera; give one of them")
     if options.refine_rig and not arguments.rig:
         raise InputError("--refine-rig needs a rig; give its file by --rig")
-    if arguments.photometric and (options.marker or options.control):
-        raise InputError("--photometric contradicts --marker and --control: leave one out")
-    if arguments.photometric and arguments.rig:
-        raise InputError("--photometric contradicts --rig: leave one out")
-    if arguments.photometric and options.unknown_lens:
-        raise InputError("--photometric needs a known lens; give it by --camera")
     check_lens(arguments.camera)
     with claim_folder(arguments.out, "poses", arguments.images):
         images, options = capture_first(arguments, options)
@@ -124,19 +110,14 @@ def find_once(
 ) -> tuple[dict[str, Any], bool]:
     """Returns the content of poses.json, and whether it was found now rather than earlier."""
     settings: dict[str, Any] = {"camera": arguments.camera, "options": options}
-    find: Callable[..., PosesResult] = find_poses
-    if arguments.photometric:
-        from gsut.training import find_video_poses
-
-        find = find_video_poses
-    elif arguments.rig is not None:
+    if arguments.rig is not None:
         settings["camera"] = read_rig(arguments.rig)
     else:
         figures = read_finished(images, arguments.out, **settings)
         if figures is not None:
             return figures, False
     try:
-        found = find_with_bar(find, images, arguments.out, not arguments.quiet, **settings)
+        found = find_with_bar(images, arguments.out, not arguments.quiet, **settings)
         return found.figures, True
     except KeyboardInterrupt:
         raise KeyboardInterrupt(
@@ -146,19 +127,18 @@ def find_once(
 
 
 def find_with_bar(
-    find: Callable[..., PosesResult],
     images: str | os.PathLike[str],
     out: str | os.PathLike[str],
     enabled: bool,
     **settings: Any,
 ) -> PosesResult:
-    """Calls `find_poses` or its like with one progress bar for all its stages."""
+    """Calls `find_poses` with one progress bar for all its stages."""
     with (
         StagedProgress("poses", enabled=enabled) as bars,
         contextlib.closing(StageFollower(bars)) as stages,
     ):
         log = PosesLog(stages.show, bars.note, stages.expect)
-        return find(images, out, log=log, **settings)
+        return find_poses(images, out, log=log, **settings)
 
 
 def print_poses(figures: dict[str, Any], out: Path, is_new: bool) -> None:

@@ -20,7 +20,6 @@ from gsut.cli._flags import (
     print_json,
     whole,
 )
-from gsut.cli._render_order import add_order, check_order
 from gsut.files import refuse_existing, whole_folder
 from gsut.terminal import say
 
@@ -86,7 +85,6 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "RUN/auto and so on]",
     )
     _add_more_than_images(parser)
-    add_order(parser)
     add_json(parser)
 
 
@@ -94,17 +92,9 @@ def _add_more_than_images(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--depth",
         choices=("ray", "z"),
-        help="also depths: depth/NAME.npy (float32, the dataset's units, NaN: nothing) and "
-        "depth/NAME.png (16 bits, 0: nothing); ray: along each pixel's ray; z: along the camera's "
-        "axis, for lenses below 90 degrees from it",
-    )
-    parser.add_argument(
-        "--depth-kind",
-        choices=("mean", "median", "smooth", "strongest", "sum"),
-        default="median",
-        help="of --depth: weighted mean of the Gaussians' distances, where half of the light is "
-        "gone, the same smoothed within a surface, that of the Gaussian with the largest weight, "
-        "or the sum of weight times distance, not divided (0: nothing) [default: median]",
+        help="also depths, where half of the light is gone: depth/NAME.npy (float32, the "
+        "dataset's units, NaN: nothing) and depth/NAME.png (16 bits, 0: nothing); ray: along each "
+        "pixel's ray; z: along the camera's axis, for lenses below 90 degrees from it",
     )
     parser.add_argument(
         "--lifted",
@@ -138,18 +128,18 @@ def run(arguments: argparse.Namespace) -> int:
     frames = _FRAMES if arguments.frames is None else arguments.frames
     if not 1 <= frames <= _MOST_FRAMES:
         raise InputError(f"--frames must be from 1 to {_MOST_FRAMES}, found {frames}")
-    check_order(arguments, arguments.order)
     label = arguments.path if arguments.path in _PATHS else "path"
     out = Path(arguments.out or Path(arguments.folder) / label)
     film = is_film(out)
     depths = DepthOutput.from_flags(arguments, None if film else out)
     lifted = LiftedOutput.from_flags(arguments, film)
     stage = _stage(arguments)
-    check_order(arguments, arguments.order or getattr(stage.gaussians, "order", None))
     sure = ConfidenceOutput.from_flags(arguments, film)
     more: dict[str, Any] = {}
     if sure is not None:
         stage.gaussians, more = sure.gaussians, {"confidence": sure.confidence}
+    if depths is not None or lifted is not None or sure is not None:
+        stage.gaussians = stage.gaussians.order_by_centers()  # no other order has them
     shots = _list_shots(arguments, stage, out if film else None)
     pixels = _make_pixel_filter(stage)
     if depths is not None:
@@ -163,10 +153,7 @@ def run(arguments: argparse.Namespace) -> int:
             for done, shot in enumerate(shots, 1):
                 camera, place = shot.camera, shot.place
                 drawn = stage.gaussians if pixels is None else pixels.widen(camera, place)
-                result = gsut.render(
-                    drawn, camera, place, background=stage.background,
-                    order=arguments.order, **more,
-                )  # fmt: skip
+                result = gsut.render(drawn, camera, place, background=stage.background, **more)
                 image = to_uint8(result.image)
                 if depths is not None:
                     depths.add(shot.name, result, image, camera, place)

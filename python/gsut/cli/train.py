@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import argparse
-import concurrent.futures
 import dataclasses
-import importlib
 from typing import Any
 
 from gsut._core import InputError
@@ -94,10 +92,7 @@ def _read_block_options(run: RunFolder, arguments: argparse.Namespace) -> BlockO
     given = collect_given(BlockOptions, arguments)
     plan = read_plan(run) if arguments.resume else None
     if plan is not None:
-        before = plan["blocks"]
-        layout = str(run.path / RunFile.BLOCKS / "layout.json")
-        kept = {"blocks": before if isinstance(before, str) else layout}
-        given = kept | given
+        given = {"blocks": plan["blocks"]} | given
     elif arguments.resume and given and run.has_run():
         raise InputError(f"{run.path} was not started in blocks; leave --{next(iter(given))} out")
     if not given:
@@ -147,7 +142,7 @@ def train_into(
     if is_new:
         (run.path / RunFile.FINDINGS).unlink(missing_ok=True)
         mends = [s for s in ("poses", "lens") if getattr(options, f"refine_{s}")]
-        findings = check_first(scene, force, quiet, _match_neighbours(scene), mends)
+        findings = check_first(scene, force, quiet, mends)
         if any(each.severity != "info" for each in findings):  # which the verdict looks at
             keep_findings(run, findings)
     elif run.is_finished() and not quiet:
@@ -181,16 +176,6 @@ def train_into(
     if is_new:
         keep_findings(run, findings)
     return run.read_json(RunFile.METRICS)
-
-
-def _match_neighbours(scene: Any) -> Any:
-    """Finds the matches for the check, while another thread imports what trains."""
-    from gsut.check import match_neighbours
-
-    with concurrent.futures.ThreadPoolExecutor(1, "gsut-matches") as thread:
-        found = thread.submit(match_neighbours, scene)
-        importlib.import_module("gsut.train")
-        return found.result()
 
 
 def print_figures(figures: dict[str, Any]) -> None:

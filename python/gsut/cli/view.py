@@ -39,7 +39,6 @@ def add_serve(parser: argparse.ArgumentParser) -> None:
         "port, 0.0.0.0:8000 to let other machines look, whoever has the page's address with its "
         "token [default: this machine, a free port, opened in a browser]",
     )
-    parser.add_argument("--no-open", action="store_true", help="open no browser")
 
 
 def parse_address(text: str) -> tuple[str, int]:
@@ -53,13 +52,13 @@ def parse_address(text: str) -> tuple[str, int]:
 
 
 def open_server(routes: dict[str, Any], arguments: argparse.Namespace, file: TextIO) -> Any:
-    """Serves a page, prints its address, and opens it unless the flags of `add_serve` refuse."""
+    """Serves a page, prints its address, and opens it unless the user has given one."""
     from gsut.view import ViewServer
 
     address = arguments.serve
     server = ViewServer(routes, *(address or ()))
     print(f"gsut view: {server.address} (Ctrl-C ends it)", file=file, flush=True)
-    if address is None and not arguments.no_open and has_display():
+    if address is None and has_display():
         webbrowser.open(server.address)
     return server
 

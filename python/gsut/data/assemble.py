@@ -50,8 +50,8 @@ def assemble(
         )
     if listing.missing_depth:
         notes.append(
-            f"{listing.source}: {len(listing.missing_depth)} depth files or normal maps do not "
-            f"exist, which training does not need: {list_some(listing.missing_depth)}"
+            f"{listing.source}: {len(listing.missing_depth)} depth files do not exist, which "
+            f"training does not need: {list_some(listing.missing_depth)}"
         )
     frames = _drop_repeats(listing, notes, on_error)
     frames = _fit_cameras(frames, notes, on_error)
@@ -256,7 +256,6 @@ def _make_views(frames: list[Frame], offset: np.ndarray) -> tuple[list[Camera], 
                 frame.mask_path,
                 frame.depth_path,
                 frame.shutter,
-                normal_path=frame.normal_path,
                 turns=frame.turns,
                 depth_form=frame.depth_form,
             )

@@ -128,11 +128,9 @@ def list_losses(export: Export) -> list[str]:
         found.append("COLMAP has no place for lists of held-out images: give --test-names")
     if find_frame_times(export.frames) is not None:
         found.append("COLMAP has no place for the times of images: they are left out")
-    deep = sum(f.depth_path is not None or f.normal_path is not None for f in export.frames)
+    deep = sum(f.depth_path is not None for f in export.frames)
     if deep:
-        found.append(
-            f"COLMAP has no place for depths and normals: those of {deep} images are left out"
-        )
+        found.append(f"COLMAP has no place for depths: those of {deep} images are left out")
     return found
 
 

@@ -30,7 +30,6 @@ class Frame:
     shutter: Shutter | None = None
     time: float | None = None  # seconds, of a video's frame
     time_ns: int | None = None  # of a recording's: nanoseconds on its own clock
-    normal_path: Path | None = None
     turns: int = 0  # clockwise, by a quarter each, that show the image upright
     rig: RigPlace | None = None
     depth_form: DepthForm = DISTANCES

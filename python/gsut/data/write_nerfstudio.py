@@ -121,7 +121,6 @@ def _describe_frame(frame: Frame, folder: Path) -> dict[str, Any]:
     files = {
         "mask_path": frame.mask_path,
         "depth_file_path": frame.depth_path,
-        "normal_file_path": frame.normal_path,
         "confidence_file_path": frame.depth_form.confidence_path,
     }
     for key, path in files.items():

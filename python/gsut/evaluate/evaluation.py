@@ -19,14 +19,12 @@ from gsut.metrics import (
     RING_EDGES_DEGREES,
     Ring,
     color_corrected_psnr,
-    half_image_psnr,
     psnr,
     ring_psnr,
 )
 from gsut.orientation import turn_picture
 from gsut.render import (
     Light,
-    PixelFilter,
     compute_field_angles,
     name_pictures,
     render,
@@ -38,7 +36,6 @@ from gsut.run import TrainOptions, measure_peak_rss
 # Of a view, and their means over the views.
 FIGURES = (
     "psnr", "ssim", "detail", "unseen", "moving", "psnr_unit_gain", "psnr_color_corrected",
-    "psnr_half_image",
 )  # fmt: skip
 _DETAILS = "detail", "detail_shifted", "wrong_patch", "detail_outside"  # by `measure_details`
 # Called with a view, width and height; returns (height, width) bool, or None if nothing moved.
@@ -54,7 +51,6 @@ def evaluate(
     *,
     background: Sequence[float] | None = (0.0, 0.0, 0.0),
     light: Light | None = None,
-    pixels: PixelFilter | None = None,
     find_moving: FindMoving | None = None,
     render_folder: Path | None = None,
     on_view: Callable[[int, int], None] | None = None,
@@ -69,7 +65,6 @@ def evaluate(
         background: colour behind the Gaussians, 3 values in [0, 1]; None: see `render`.
         light: exposure of the views and falloff of the cameras, by which renders are multiplied
             before they are compared; None: 1.
-        pixels: of the Gaussians, where the scene is at another size than they were trained at.
         find_moving: returns what moved in a view; None: nothing did.
         render_folder: an existing folder that gets NAME_truth.png and NAME_render.png (8 bit,
             masked pixels black) and NAME_depth.png (16 bit; distance = value x `depth_unit` of the
@@ -95,7 +90,6 @@ def evaluate(
                 as a whole, as wrong poses and lenses need; absent if no view.
             psnr_unit_gain: PSNR of the renders as they are shown, without `light`.
             psnr_color_corrected: PSNR after the affine map of colours that fits best.
-            psnr_half_image: PSNR of the right half after gains that fit the left half best.
             psnr_min, worst_view: the least PSNR and its view's name.
             render_ms: median time of one render in milliseconds.
             rings: list of dict from_degrees, to_degrees, psnr (mean over the views that have
@@ -117,7 +111,7 @@ def evaluate(
     with concurrent.futures.ThreadPoolExecutor(threads) as pool:
         for first in range(0, len(indices), threads):
             some = list(indices[first : first + threads])
-            drawn = [_render_alone(scene, index, gaussians, pixels, background) for index in some]
+            drawn = [_render_alone(scene, index, gaussians, background) for index in some]
             stems_of = stems[first : first + threads]
             for row in pool.map(compare, some, stems_of, *zip(*drawn, strict=True)):
                 rows.append(row)
@@ -156,15 +150,13 @@ def _summarize_detail(views: list[dict[str, Any]]) -> dict[str, Any]:
 def _render_alone(
     scene: Any,
     index: int,
-    packed: Any,
-    pixels: PixelFilter | None,
+    gaussians: Any,
     background: Sequence[float] | None,
 ) -> tuple[Any, float]:
     """Renders a view while nothing else runs, and measures the milliseconds."""
     view, camera = scene.views[index], scene.camera(index)
     started = time.perf_counter()
-    drawn = packed if pixels is None else pixels.widen(camera, view.motion)
-    rendered = render(drawn, camera, view.motion, background=background)
+    rendered = render(gaussians, camera, view.motion, background=background)
     return rendered, 1e3 * (time.perf_counter() - started)
 
 
@@ -205,7 +197,6 @@ def _compare(
         "moving": float(moving.sum() / count),
         "psnr_unit_gain": psnr(bare, seen),
         "psnr_color_corrected": color_corrected_psnr(bare, seen),
-        "psnr_half_image": half_image_psnr(plain, truth, mask),
         "render_ms": milliseconds,
         "pixels": seen.shape[1],
     }
@@ -244,6 +235,7 @@ def run_metrics(
         "psnr": evaluation["psnr"],
         "ssim": evaluation["ssim"],
         "num_gaussians": len(gaussians),
+        "sh_degree": gaussians.sh_degree,
         "steps": steps,
         "train_seconds": train_seconds,
         "seconds_per_step": train_seconds / steps if steps else None,

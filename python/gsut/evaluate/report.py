@@ -19,9 +19,8 @@ from gsut.evaluate.report_plots import (
     plot_reliability,
     plot_rings,
 )
-from gsut.files import read_bytes, read_package_file, read_picture
+from gsut.files import read_package_file, read_picture
 from gsut.page import (
-    embed_bytes,
     embed_picture,
     format_duration,
     format_number,
@@ -39,20 +38,17 @@ _DEPTH_PERCENTILES = (1.0, 99.0)  # of all distances shown: the ends of the colo
 _LEGEND_STOPS = 12  # colours of a legend's gradient
 
 
-def _plot_curves(history: list[dict[str, Any]], options: TrainOptions) -> dict[str, list[str]]:
-    """Plots a training's history over steps and over seconds, as data addresses."""
-    return {
-        axis: [
-            plot_curve(history, key, title, axis, options)
-            for key, title in (
-                ("psnr", "Held-out PSNR [dB]"),
-                ("loss", "Training loss"),
-                ("num_gaussians", "Gaussians"),
-            )
-            if any(row.get(key) is not None for row in history)
-        ]
-        for axis in ("step", "seconds")
-    }
+def _plot_curves(history: list[dict[str, Any]], options: TrainOptions) -> list[str]:
+    """Plots a training's history over steps, as data addresses."""
+    return [
+        plot_curve(history, key, title, options)
+        for key, title in (
+            ("psnr", "Held-out PSNR [dB]"),
+            ("loss", "Training loss"),
+            ("num_gaussians", "Gaussians"),
+        )
+        if any(row.get(key) is not None for row in history)
+    ]
 
 
 def write_report(run: RunFolder) -> Path:
@@ -93,7 +89,6 @@ def write_report(run: RunFolder) -> Path:
         light_plots=plot_light(metrics["light"]) if "light" in metrics else [],
         confidence=_describe_confidence(run.path / RunFile.CONFIDENCE),
         settings=_list_settings(options),
-        block_map=_embed_block_map(run.path / RunFile.BLOCKS / "map.svg"),
         title=_choose_title(run, metrics),
         page=RunFile.PAGE if (run.path / RunFile.PAGE).is_file() else None,
     )
@@ -158,8 +153,7 @@ def _list_rows(metrics: dict[str, Any], environment: dict[str, Any]) -> dict[str
             for row in [*views, means]
         ],
         "stage_rows": [
-            [name, format_duration(stage["seconds"]), format_number(stage["bytes"] / 1e6, 1)]
-            for name, stage in blocks["stages"].items()
+            [name, format_duration(seconds)] for name, seconds in blocks["stages"].items()
         ],
         "block_rows": [
             [
@@ -266,11 +260,6 @@ def _read(path: Path) -> np.ndarray:
     if image is None:
         raise InputError(f"{path} is not a readable picture; evaluate the run again")
     return cv2.cvtColor(image, cv2.COLOR_BGR2RGB) if image.ndim == 3 else image
-
-
-def _embed_block_map(path: Path) -> str | None:
-    """Returns the map of a training in blocks as a data address; None if there is none."""
-    return embed_bytes(read_bytes(path), "image/svg+xml") if path.is_file() else None
 
 
 def _embed(image: np.ndarray) -> str:

@@ -18,40 +18,37 @@ _MOST_DOTS = 40  # on a curve; more would hide it
 _BAR_ROOM_DB = 8.0  # below the lowest bar: bars from 0 would hide small differences
 
 
-def plot_curve(
-    history: list[dict[str, Any]], key: str, title: str, axis: str, options: TrainOptions
-) -> str:
-    """Plots a quantity of history.jsonl over steps or seconds.
+def plot_curve(history: list[dict[str, Any]], key: str, title: str, options: TrainOptions) -> str:
+    """Plots a quantity of history.jsonl over steps.
 
     Args:
-        history: rows with `step`, `seconds` and some with `key`.
+        history: rows with `step` and some with `key`.
         key: psnr, loss or num_gaussians.
         title: title, with unit.
-        axis: "step" or "seconds".
         options: they give the steps at which the resolution changed.
 
     Returns:
         A data address.
     """
-    rows = [row for row in history if row.get(key) is not None and row.get(axis) is not None]
-    x = np.array([row[axis] for row in rows], float)
+    rows = [row for row in history if row.get(key) is not None]
+    x = np.array([row["step"] for row in rows], float)
     y = np.array([row[key] for row in rows], float)
     across = 0.0, 1.03 * max(float(x.max(initial=0.0)), 1e-6)
-    name = "steps" if axis == "step" else "seconds of training"
     if len(x) > 2 and key == "loss" and (y > 0).all():
         low, high = np.percentile(y, (0.5, 99.5))
-        chart = Chart(title, name, across, (low / 1.15, high * 1.15), log=True)
+        chart = Chart(title, "steps", across, (low / 1.15, high * 1.15), log=True)
         chart.draw_line(*_average_runs(x, y, _MOST_POINTS), _FAINT, 1.0)
         chart.draw_line(*_average_runs(x, y, _SMOOTH_POINTS))
     else:
         up = Chart.pad_limits(y) if len(y) else (0.0, 1.0)
         if key == "num_gaussians":
             up = 0.0, up[1]
-        chart = Chart(title, name, across, up, y_text=_format_count)
+        chart = Chart(title, "steps", across, up, y_text=_format_count)
         chart.draw_line(x, y, dots=len(x) <= _MOST_DOTS)
     if key == "psnr" and len(x):
         chart.label_point(x[-1], y[-1], f"{y[-1]:.2f}")
-    _mark_resolutions(chart, history, axis, options)
+    if len(history) > 1:
+        _mark_resolutions(chart, options)
     return chart.embed()
 
 
@@ -128,16 +125,10 @@ def _average_runs(x: np.ndarray, y: np.ndarray, most: int) -> tuple[np.ndarray, 
     return np.add.reduceat(x, starts) / counts, np.add.reduceat(y, starts) / counts
 
 
-def _mark_resolutions(
-    chart: Chart, history: list[dict[str, Any]], axis: str, options: TrainOptions
-) -> None:
+def _mark_resolutions(chart: Chart, options: TrainOptions) -> None:
     """Marks where training changed to 1/2 and to the full resolution."""
-    steps = np.array([row["step"] for row in history], float)
-    x = np.array([row.get(axis, np.nan) for row in history], float)
-    if len(steps) < 2:
-        return
     for fraction, text in zip(
         options.recipe.coarse_to_fine, ("1/2 size", "full size"), strict=True
     ):
         if 0 < fraction < 1:
-            chart.mark_x(float(np.interp(fraction * options.steps, steps, x)), text)
+            chart.mark_x(fraction * options.steps, text)

@@ -171,5 +171,5 @@ def save_gaussians(
     held = g if chosen.keeps_primitive else g.to_primitive(Gaussians.PRIMITIVES[0])
     written = chosen.write(path, held if good.all() else held[good], settings)
     rows = kept if written.rows is None else kept[written.rows]
-    left_out = written.left_out + list_losses(g, chosen, settings.three_scales)
+    left_out = written.left_out + list_losses(g, chosen)
     return Written(rows, {k: v for k, v in written.clipped.items() if v}, left_out)

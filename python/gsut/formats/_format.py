@@ -46,12 +46,10 @@ class WriteSettings:
     Attributes:
         antialiased: see `SceneFile`; kept where the format has a place for it.
         spz_version: 3, which every reader of SPZ knows, or 4.
-        three_scales: surfels are written as thin Gaussians, also where the format has surfels.
     """
 
     antialiased: bool = False
     spz_version: int = 3
-    three_scales: bool = False
 
 
 @dataclasses.dataclass(frozen=True)
@@ -162,16 +160,15 @@ def check_claim(path: Path, count: int, size: int, what: str = "Gaussians") -> N
     check_fits(f"reading {count:,} {what} of {path}", _LEAST_BYTES * count, ELSEWHERE)
 
 
-def list_losses(g: Gaussians, chosen: Format, three_scales: bool = False) -> tuple[str, ...]:
+def list_losses(g: Gaussians, chosen: Format) -> tuple[str, ...]:
     """Lists in sentences what a format has no place for.
 
     Args:
         g: as they are prepared for the file.
         chosen: the format.
-        three_scales: see `WriteSettings`.
     """
     left_out: tuple[str, ...] = ()
-    if g.are_surfels and (three_scales or not chosen.keeps_surfels):
+    if g.are_surfels and not chosen.keeps_surfels:
         left_out += ("surfels: the file holds Gaussians a ten-thousandth as thick as wide",)
     if g.origin.any() and not chosen.keeps_origin:
         left_out += (f"where the scene lies: the file holds {name_origin(g.origin)}",)

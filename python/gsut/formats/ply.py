@@ -306,10 +306,10 @@ def _read(path: Path) -> SceneFile:
 
 def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written:
     mode = format_antialiased(settings.antialiased)
-    if gaussians.are_surfels and not settings.three_scales:
+    if gaussians.are_surfels:
         mode = _SURFELS
     comments = ["written by gsut", mode]
-    save_ply(path, gaussians, comments, surfels=False if settings.three_scales else None)
+    save_ply(path, gaussians, comments)
     return Written()
 
 

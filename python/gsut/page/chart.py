@@ -129,11 +129,6 @@ class Chart:
         across, down = float(self._place_x(np.array(x))), float(self._place_y(np.array(y)))
         self.write(across - 2, down + 19, words, Style.INK, 12.5, "end", bold=True)
 
-    def label_place(self, x: float, y: float, words: str) -> None:
-        """Writes words at a place of a map, set off from what is below."""
-        across, down = float(self._place_x(np.array(x))), float(self._place_y(np.array(y)))
-        self.write(across, down + 4, words, Style.INK, 12.5, bold=True, halo=True)
-
     def list_names(self, names: Sequence[tuple[str, str]]) -> None:
         """Lists the names of lines, each in its colour, at the top right of the area."""
         for number, (words, color) in enumerate(names):
@@ -194,15 +189,6 @@ class Chart:
         picture[row[inside], column[inside], 3] = 255
         thicker = cv2.dilate(picture, np.ones((size, size), np.uint8))
         self.place_picture(thicker, LEFT, TOP, width, height)
-
-    def draw_marks(self, x: np.ndarray, y: np.ndarray, color: str = Style.INK) -> None:
-        """Draws rings at points that lie within the area."""
-        for across, down in zip(self._place_x(x), self._place_y(y), strict=True):
-            if LEFT <= across <= self.right and TOP <= down <= self.bottom:
-                self._parts.append(
-                    f'<circle cx="{across:.1f}" cy="{down:.1f}" r="3.5" fill="none" '
-                    f'stroke="{color}" stroke-width="1.2"/>'
-                )
 
     def build(self) -> str:
         """Returns the chart as the text of an SVG file."""

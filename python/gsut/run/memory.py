@@ -81,27 +81,20 @@ def _read_groups() -> list[int]:
         return []
     found = []
     for line in lines:
-        number, controllers, name = line.split(":", 2)
-        if number == "0":
-            folder, files = _GROUPS, ("memory.max", "memory.current", "inactive_file")
-        elif "memory" in controllers.split(","):
-            folder = _GROUPS / "memory"
-            files = ("memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file")
-        else:
+        number, _, name = line.split(":", 2)
+        if number != "0":  # of the first version
             continue
-        inner = folder / name.lstrip("/")
-        groups = [g for g in (inner, *inner.parents) if g == folder or folder in g.parents]
-        found += [
-            left for group in groups if (left := _read_left_in_group(group, *files)) is not None
-        ]
+        inner = _GROUPS / name.lstrip("/")
+        groups = [g for g in (inner, *inner.parents) if g == _GROUPS or _GROUPS in g.parents]
+        found += [left for group in groups if (left := _read_left_in_group(group)) is not None]
     return found
 
 
-def _read_left_in_group(group: Path, most: str, used: str, droppable: str) -> int | None:
+def _read_left_in_group(group: Path) -> int | None:
     try:
-        free = int(read_text(group / most)) - int(read_text(group / used))
+        free = int(read_text(group / "memory.max")) - int(read_text(group / "memory.current"))
         rows = dict(row.split() for row in read_text(group / "memory.stat").splitlines())
-        return free + int(rows.get(droppable, 0))
+        return free + int(rows.get("inactive_file", 0))
     except (OSError, ValueError):  # "max": no limit
         return None
 

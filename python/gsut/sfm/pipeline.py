@@ -124,16 +124,14 @@ def find_poses(
         SolveError: nothing could be reconstructed: no overlap, images all the same, or a camera
             that only turned; says which.
     """
-    return run_mapping(
-        images, out, start_mapping(images, camera, options, log), lambda mapping, _: _map(mapping)
-    )
+    return run_mapping(images, out, start_mapping(images, camera, options, log), _map)
 
 
 def run_mapping(
     images: str | os.PathLike[str],
     out: str | os.PathLike[str],
     mapping: Mapping,
-    find: Callable[[Mapping, Path], Mapping],
+    find: Callable[[Mapping], Mapping],
 ) -> PosesResult:
     """Finds features and matches, then poses, and writes everything.
 
@@ -141,18 +139,17 @@ def run_mapping(
         images, out: see `find_poses`.
         mapping: as `start_mapping` returns it.
         find: returns the run with a solution, of one with matches, which are verified where lenses
-            are known; receives the folder of the stages, too, which an interrupted run keeps.
+            are known.
 
     Raises:
         InputError, SolveError: see `find_poses`.
     """
     with claim_folder(out, "poses", images) as claimed:
         stages = Stages(claimed.path, _make_key(mapping, claimed.path))
-        if not mapping.options.keep_all_pixels:
-            masked = mask_fixed_pixels(mapping.photographs, claimed.path, mapping.log.note)
-            mapping = mapping.replace(photographs=masked)
+        masked = mask_fixed_pixels(mapping.photographs, claimed.path, mapping.log.note)
+        mapping = mapping.replace(photographs=masked)
         with _set_threads(mapping.options.threads):
-            mapping = find(_find_matches(mapping, stages), stages.folder)
+            mapping = find(_find_matches(mapping, stages))
             mapping.log.watch.record_lap("mapping")
         values = write_poses(mapping, claimed.path, stages.digest)
         stages.remove()

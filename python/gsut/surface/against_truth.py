@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.data.scene import MILLIMETRE, read_depth
+from gsut.data.scene import read_depth
 from gsut.render import compute_field_angles, render, render_surface, to_uint8
-from gsut.surface.extract import MeshOptions, OnProgress, extract_mesh, ignore_progress
+from gsut.surface.extract import OnProgress, extract_mesh, ignore_progress
 from gsut.surface.mesh import Mesh
 from gsut.surface.mesh_files import load_mesh
 from gsut.surface.rays import cast_onto
@@ -28,9 +28,7 @@ def judge_geometry(
     indices: Sequence[int],
     truth: Path | None,
     *,
-    depth_unit: float = MILLIMETRE,
     mesh: Mesh | None = None,
-    options: MeshOptions | None = None,
     background: Sequence[float] | None = (0.0, 0.0, 0.0),
     progress: OnProgress = ignore_progress,
     on_view: OnView | None = None,
@@ -45,8 +43,7 @@ def judge_geometry(
         truth: a mesh (.ply, .obj), from which depths are cast through each view's lens; a cloud
             (a .ply without faces), by which only the mesh is judged; a folder of depth files named
             like the images; None: the dataset's own depth files.
-        depth_unit: world units of a level of 16-bit pictures; files .npy hold world units.
-        mesh: what is judged; None: `extract_mesh` with `options`.
+        mesh: what is judged; None: that of `extract_mesh`.
         background: colour behind the Gaussians; None: see `render`.
         progress: called with (stage, done, total).
         on_view: called with what each view shows, its truth too.
@@ -67,7 +64,7 @@ def judge_geometry(
         for done, index in enumerate(indices):
             progress("depth", done, len(indices))
             true = (
-                _read_depth(scene, index, truth, depth_unit)
+                _read_depth(scene, index, truth)
                 if tree is None
                 else cast_onto(tree, scene.camera(index), scene.views[index].motion)[0]
             )
@@ -83,7 +80,7 @@ def judge_geometry(
         figures["depth"]["views"] = len(rows)
     if of_mesh is not None:
         if mesh is None:
-            mesh = extract_mesh(gaussians, scene, options, background=background, progress=progress)
+            mesh = extract_mesh(gaussians, scene, background=background, progress=progress)
         figures["mesh"] = judge_mesh(mesh, of_mesh, scene)
         if on_mesh is not None:
             on_mesh(mesh)
@@ -115,7 +112,7 @@ def _judge_views(
     return {kind: judge_depth(joined[kind], joined["truth"], joined["angle"]) for kind in KINDS}
 
 
-def _read_depth(scene: Any, index: int, folder: Path | None, unit: float) -> np.ndarray | None:
+def _read_depth(scene: Any, index: int, folder: Path | None) -> np.ndarray | None:
     view = scene.views[index]
     path = view.depth_path
     if folder is not None:
@@ -125,7 +122,7 @@ def _read_depth(scene: Any, index: int, folder: Path | None, unit: float) -> np.
         names = (stem, Path(*stem.parts[-2:]), Path(stem.name))  # of a rig with its camera's folder
         choices = [folder / base.with_suffix(s) for base in names for s in (".npy", ".png")]
         path = next((choice for choice in choices if choice.is_file()), None)
-    depth = read_depth(scene, index, *(() if folder is None else (path, unit))) if path else None
+    depth = read_depth(scene, index, None if folder is None else path) if path else None
     if depth is None:
         return None
     camera = scene.camera(index)

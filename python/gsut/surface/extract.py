@@ -14,7 +14,6 @@ from gsut.data.poses import find_centers
 from gsut.render import render, render_surface, to_uint8
 from gsut.run import check_fits, free_memory
 from gsut.surface.depth_map import DepthMap, list_views
-from gsut.surface.fit import fit_mesh
 from gsut.surface.mesh import Mesh
 from gsut.surface.rays import cast_onto
 from gsut.surface.stereo import DepthRefiner
@@ -24,6 +23,7 @@ _NEIGHBOURS = 8  # views, nearest by place and direction, against which a depth 
 _AGREEMENT = 0.01  # largest difference of two views' depths, of the distance (PGSR)
 _MOST_VOXELS = 1024  # along the scene's extent: finer ones need memory and show no more
 _NOTHING = 0.05  # alpha of pixels whose rays meet nothing
+_TRUNCATION = 4.0  # voxels on both sides of the surface that a depth says something about
 _OPEN_RATIO = 5.0  # times the median depth, beyond which depths make a scene open
 _EVEN_SHARE = 1.5  # of the median distance: how far voxels are even in an open scene
 _MOST_BLOCKS = 1_000_000  # of 8 x 8 x 8 voxels: 2.3 GB
@@ -33,13 +33,14 @@ _REFINE_BYTES = 20  # more of one that is refined: normal, grey value, a second 
 _NEAR = 0.05  # of the distance: where a mesh takes the place of a depth that it was made of
 _LENS_BYTES = 25  # of a pixel of a lens
 _SAMPLED = 20_000  # points that measure a scene's size
+_SMALL_PART = 1e-3  # of the faces: connected parts below are left out
 _BEHIND = 2.0  # voxels that a coloured point may lie behind a view's surface
 
 
 # What each number may be, both ends allowed but for the 0 of lengths.
 _RANGES = (
-    ("voxel", 0, None), ("truncation", 0, None), ("support", 0, _NEIGHBOURS), ("max_side", 1, None),
-    ("parts", 1, None), ("faces", 1, None), ("holes", 0, None), ("fit", 0, None),
+    ("voxel", 0, None), ("support", 0, _NEIGHBOURS), ("max_side", 1, None),
+    ("holes", 0, None),
 )  # fmt: skip
 
 
@@ -50,41 +51,27 @@ class MeshOptions:
     Attributes:
         voxel: world units; None: a pixel's width at the median depth, at least a 1024th of the
             scene.
-        truncation: voxels on both sides of the surface that a depth says something about.
         support: other views, of the 8 nearest, that must see a pixel's point at its depth.
-        open: whether voxels grow with the distance beyond the middle of the scene; None: where
-            depths reach farther than 5 times their median.
-        depth: "median", "expected" or "strongest"; see `gsut.Surface`.
         refine: moves each depth to where windows of the photographs correlate best, twice: the
             second time from the mesh that the moved depths give.
         max_side: of the depth maps, pixels: larger images are rendered at this size.
         photographs: colours from the photographs in place of the renders.
-        parts: number of largest connected parts to keep; None: all of a thousandth of the faces.
-        faces: number to reduce to, about.
         holes: longest edge of the mesh that is closed, in faces along it; 0: none is.
-        fit: rounds in which vertices move so that the mesh, drawn without blending, is most like
-            the images; 0: only colours are fitted; None: colours are means.
         crop: (2, 3) corners of a box in the dataset's coordinates, outside of which nothing stays.
     """
 
     voxel: float | None = None
-    truncation: float = 4.0
     support: int = 2
-    open: bool | None = None
-    depth: str = "median"
     refine: bool = False
     max_side: int = 1024
     photographs: bool = False
-    parts: int | None = None
-    faces: int | None = None
     holes: int = 0
-    fit: int | None = None
     crop: np.ndarray | None = None
 
     def __post_init__(self) -> None:
         """Raises InputError for a number out of its range."""
         for name, low, high in _RANGES:
-            value, is_length = getattr(self, name), name in ("voxel", "truncation")
+            value, is_length = getattr(self, name), name == "voxel"
             if value is not None:
                 check_number(value, name, low, high, whole=not is_length, above=is_length)
 
@@ -140,7 +127,7 @@ def render_depth_maps(
     Args:
         gaussians: the Gaussians, in the dataset's coordinates.
         scene: the dataset, from `load_dataset`.
-        options: its depth, refine, max_side and photographs; None: the defaults.
+        options: its refine, max_side and photographs; None: the defaults.
         background: colour behind the Gaussians; None: see `render`.
         progress: called with (stage, done, total).
 
@@ -148,12 +135,9 @@ def render_depth_maps(
         One map a training view, with colours.
 
     Raises:
-        InputError: a kind of depth that is unknown, memory does not suffice, or depths that are
-            refined have no surface.
+        InputError: memory does not suffice, or depths that are refined have no surface.
     """
     o = options or MeshOptions()
-    if o.depth not in ("median", "expected", "strongest"):
-        raise InputError(f'depth "{o.depth}" is unknown; known: median, expected, strongest')
     rows = list(scene.train_indices) or list(range(len(scene.views)))
     lenses = {camera: _shrink_lens(camera, o.max_side) for camera in map(scene.camera, rows)}
     pixels = sum(c.width * c.height for c in (lenses[scene.camera(i)] for i in rows))
@@ -190,7 +174,7 @@ def _refine_maps(
     refiner = DepthRefiner(scene, rows, maps)
     moved = refiner.move(maps, normals, lambda *done: progress("refining", *done))
     bare = [dataclasses.replace(m, image=None) for m in moved]
-    simple = MeshOptions(o.voxel, o.truncation, o.support, o.open)
+    simple = MeshOptions(o.voxel, o.support)
     mesh = fuse_depth(bare, simple, progress=progress)
     tree, towards = build_tree(mesh), mesh.compute_normals()
     for place, m in enumerate(moved):
@@ -214,19 +198,17 @@ def fuse_depth(
 
     Args:
         maps: distances along the rays.
-        options: all but depth, refine, max_side and photographs; None: the defaults.
+        options: all but refine, max_side and photographs; None: the defaults.
         progress: called with (stage, done, total).
 
     Returns:
         The mesh, with colours if maps have images.
 
     Raises:
-        InputError: an option out of range, no view, no surface, one of more voxels than memory
-            holds, or a fit to maps without images.
+        InputError: an option out of range, no view, no surface, or one of more voxels than memory
+            holds.
     """
-    o, given = options or MeshOptions(), maps
-    if o.fit is not None and any(m.image is None for m in maps):
-        raise InputError("a mesh is fitted to images; give every depth map one, or leave fit out")
+    o = options or MeshOptions()
     maps = keep_agreeing(maps, o.support, progress)
     places, centers = _place_cameras(maps)
     center = centers.mean(axis=0)
@@ -235,19 +217,19 @@ def fuse_depth(
     progress("fusing", 0, 1)
     free = free_memory()
     most = _MOST_BLOCKS if free is None else max(1, min(_MOST_BLOCKS, free // _BLOCK_BYTES))
-    field = views.fuse(voxel, inner, o.truncation, 0.1, most)
+    field = views.fuse(voxel, inner, _TRUNCATION, 0.1, most)
     vertices, faces = field.mesh()
     del field
     progress("fusing", 1, 1)
     mesh = Mesh(vertices, faces)
     if o.crop is not None:
         mesh = mesh.crop(*np.sort(np.asarray(o.crop, np.float64).reshape(2, 3), axis=0))
-    mesh = mesh.without_small_parts(1e-3) if o.parts is None else mesh.keep_largest_parts(o.parts)
+    mesh = mesh.without_small_parts(_SMALL_PART)
     if not len(mesh):
         inside = "" if o.crop is None else " inside the box of --crop"
         raise InputError(
             f"no surface was found{inside}: no two views agree on one; try --support 0, larger "
-            "voxels or another --depth, or look at the renders"
+            "voxels, or look at the renders"
         )
     mesh = mesh.close_holes(o.holes) if o.holes else mesh
     if any(m.image is not None for m in maps):
@@ -255,10 +237,7 @@ def fuse_depth(
         colors = views.colors(mesh.vertices, reach)
         gray = np.float32(0.5)
         mesh = dataclasses.replace(mesh, colors=np.where(np.isnan(colors), gray, colors))
-    mesh = mesh if o.faces is None else mesh.reduce(o.faces)
-    if o.fit is None or not len(mesh):
-        return mesh
-    return fit_mesh(mesh, given, o.fit, lambda *done: progress("fit", *done))
+    return mesh
 
 
 def _shrink_lens(camera: Any, most: int) -> Any:
@@ -285,7 +264,7 @@ def _render_map(
         mask = cv2.resize(mask.astype(np.uint8), size, interpolation=0) > 0
     result = render(gaussians.order_by_centers(), camera, motion, background=background)
     surface = render_surface(result)
-    depth = np.where(result.alpha < _NOTHING, np.inf, getattr(surface, o.depth))
+    depth = np.where(result.alpha < _NOTHING, np.inf, surface.median)
     depth = np.where(mask & camera.rays()[1], depth, np.nan).astype(np.float32)
     with np.errstate(invalid="ignore"):
         wide = surface.spread / (_AGREEMENT * depth)  # uncertain where a pixel's Gaussians disagree
@@ -362,7 +341,7 @@ def _choose_voxel(
         raise InputError("no view has a depth: nothing to make a mesh of; try --support 0")
     distance = np.linalg.norm(points, axis=1)
     middle, farthest = np.percentile(distance, (50, 99))
-    is_open = farthest > _OPEN_RATIO * middle if o.open is None else o.open
+    is_open = farthest > _OPEN_RATIO * middle
     inner = _EVEN_SHARE * float(middle) if is_open else float("inf")
     if o.voxel is not None:
         if not o.voxel > 0:

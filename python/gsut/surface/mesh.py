@@ -1,4 +1,4 @@
-"""Triangle meshes: parts, cuts, fewer faces, normals, colours."""
+"""Triangle meshes: parts, cuts, holes, normals, colours."""
 
 from __future__ import annotations
 
@@ -67,15 +67,6 @@ class Mesh:
         renamed = np.cumsum(used) - 1
         colors = None if self.colors is None else self.colors[used]
         return Mesh(self.vertices[used], renamed[faces].astype(np.uint32), colors)
-
-    def keep_largest_parts(self, count: int) -> Mesh:
-        """Keeps the `count` connected parts with the most faces."""
-        if not len(self.faces):
-            return self
-        labels = _core.mesh_parts(len(self.vertices), self.faces)[self.faces[:, 0]]
-        names, sizes = np.unique(labels, return_counts=True)
-        kept = names[np.argsort(-sizes, kind="stable")[:count]]
-        return self.with_faces(np.isin(labels, kept))
 
     def without_small_parts(self, share: float) -> Mesh:
         """Removes connected parts of less than this share of all faces."""
@@ -151,30 +142,3 @@ class Mesh:
             if not path:
                 place = {}
         return [rim for rim in rims if len(rim) > 2]
-
-    def reduce(self, faces: int) -> Mesh:
-        """Reduces to about `count` faces by quadric error metrics; colours of the nearest old
-        surface.
-
-        Raises:
-            InputError: fast-simplification is not installed.
-        """
-        if len(self.faces) <= faces:
-            return self
-        try:
-            import fast_simplification
-        except ImportError:
-            raise InputError(
-                "fewer faces need fast-simplification: pip install 'gsut[mesh]'"
-            ) from None
-        center = self.vertices.mean(axis=0)
-        vertices, triangles = fast_simplification.simplify(
-            (self.vertices - center).astype(np.float32),
-            self.faces.astype(np.int32),
-            target_count=int(faces),
-        )[:2]
-        small = Mesh(vertices.astype(np.float64) + center, triangles.astype(np.uint32))
-        if self.colors is None or not len(small):
-            return small
-        nearest = _core.TriangleTree(self.vertices, self.faces).nearest(small.vertices)[1]
-        return dataclasses.replace(small, colors=self.colors[self.faces[nearest]].mean(axis=1))

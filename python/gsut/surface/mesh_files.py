@@ -1,4 +1,4 @@
-"""Meshes in files: PLY, OFF, OBJ and GLB out; PLY, OFF and OBJ in."""
+"""Meshes in files: PLY, OBJ and GLB out; PLY and OBJ in."""
 
 from __future__ import annotations
 
@@ -6,9 +6,8 @@ import dataclasses
 import json
 import os
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -32,7 +31,7 @@ def save_mesh(path: str | os.PathLike[str], mesh: Mesh) -> None:
     """Writes a mesh with normals and colours, in the dataset's coordinates and axes.
 
     Args:
-        path: .ply (binary), .off, .obj or .glb. In a .glb the vertices lie about their middle,
+        path: .ply (binary), .obj or .glb. In a .glb the vertices lie about their middle,
             which is the node's translation; colours are linear there, as glTF wants them.
         mesh: what to write.
 
@@ -51,7 +50,7 @@ def check_mesh_name(path: str | os.PathLike[str]) -> None:
 
 
 def _choose_writer(path: Path) -> Callable[[Mesh], bytes]:
-    writers = {".ply": _write_ply, ".off": _write_off, ".obj": _write_obj, ".glb": _write_glb}
+    writers = {".ply": _write_ply, ".obj": _write_obj, ".glb": _write_glb}
     if path.suffix.lower() not in writers:
         raise InputError(f"{path}: meshes are written as {', '.join(writers)}")
     return writers[path.suffix.lower()]
@@ -89,19 +88,6 @@ def _write_ply(mesh: Mesh) -> bytes:
         *(f"element face {len(faces)}", "property list uchar int vertex_indices", "end_header"),
     ]
     return ("\n".join(header) + "\n").encode() + rows.tobytes() + faces.tobytes()
-
-
-def _write_off(mesh: Mesh) -> bytes:
-    tail = [""] * len(mesh.vertices)
-    if mesh.colors is not None:
-        tail = [" {} {} {} 255".format(*color) for color in _to_levels(mesh.colors)]
-    rows = ["OFF" if mesh.colors is None else "COFF", f"{len(mesh.vertices)} {len(mesh.faces)} 0"]
-    rows += [
-        "{:.9g} {:.9g} {:.9g}".format(*vertex) + color
-        for vertex, color in zip(mesh.vertices, tail, strict=True)
-    ]
-    rows += ["3 {} {} {}".format(*face) for face in mesh.faces]
-    return ("\n".join(rows) + "\n").encode()
 
 
 def _write_obj(mesh: Mesh) -> bytes:
@@ -166,23 +152,22 @@ def _write_glb(mesh: Mesh) -> bytes:
     )
 
 
-@register_reader("mesh", ".ply", ".off", ".obj")
+@register_reader("mesh", ".ply", ".obj")
 def load_mesh(path: str | os.PathLike[str]) -> Mesh:
     """Reads a mesh, or a cloud of points, with the colours of its vertices.
 
     Args:
-        path: .ply, .off or .obj; faces of more corners are cut
-            into triangles from their first.
+        path: binary .ply of triangles, or .obj, whose faces of more corners are cut into triangles.
 
     Returns:
         The mesh; of a cloud without faces. Colours are those of `save_mesh`: 8 bits a channel in
-        .ply and .off, fractions in .obj; a text .ply is read without.
+        .ply, fractions in .obj.
 
     Raises:
         InputError: the file is absent, damaged or of another format.
     """
     path = Path(path)
-    readers = {".ply": _read_ply, ".off": _read_off, ".obj": _read_obj}
+    readers = {".ply": _read_ply, ".obj": _read_obj}
     if path.suffix.lower() not in readers:
         raise InputError(f"{path}: meshes are read from {', '.join(readers)}")
     content = read_bytes(path)
@@ -203,32 +188,6 @@ def load_mesh(path: str | os.PathLike[str]) -> Mesh:
 def _read_triangles(polygons: list[np.ndarray]) -> np.ndarray:
     rows = [(row[0], row[k], row[k + 1]) for row in polygons for k in range(1, len(row) - 1)]
     return np.array(rows, np.int64).reshape(-1, 3)
-
-
-def _take_list(words: Sequence[bytes | str], at: int) -> tuple[np.ndarray, int]:
-    """Takes a list of whole numbers behind its length; returns it and where it ends."""
-    size = int(words[at])
-    if not 0 <= size < len(words) - at:
-        raise ValueError(f"a list of {size} entries, and {len(words) - at - 1} are there")
-    end = at + 1 + size
-    return np.array([int(word) for word in words[at + 1 : end]], np.int64), end
-
-
-def _read_off(path: Path, content: bytes) -> Mesh:
-    lines = [line.split("#")[0].split() for line in content.decode().splitlines()]
-    lines = [words for words in lines if words]
-    if not lines or not lines[0][0].endswith("OFF"):
-        raise ValueError("it does not start with OFF")
-    head = lines[0][1:] or lines[1]  # the counts may stand on the first line
-    count, faces = int(head[0]), int(head[1])
-    rows = lines[1 if len(lines[0]) > 1 else 2 :]
-    if min(count, faces) < 0 or len(rows) < count + faces:
-        raise ValueError(f"{len(rows)} rows for {count} vertices and {faces} faces")
-    vertices = np.array([row[:3] for row in rows[:count]], np.float64).reshape(-1, 3)
-    polygons = [_take_list(row, 0)[0] for row in rows[count : count + faces]]
-    colored = lines[0][0] == "COFF" and count > 0
-    levels = np.array([row[3:6] for row in rows[:count]], np.float32) if colored else None
-    return Mesh(vertices, _read_triangles(polygons), _from_levels(levels))
 
 
 def _read_obj(path: Path, content: bytes) -> Mesh:
@@ -253,7 +212,7 @@ def _read_obj(path: Path, content: bytes) -> Mesh:
 def _read_ply(path: Path, content: bytes) -> Mesh:
     order, elements, _, begin = _core.read_ply_header(os.fsencode(path))
     if not order:
-        return _read_text_ply(content[begin:].split(), elements)
+        raise ValueError("it is of text: save it as a binary PLY")
     vertices, faces, levels = np.zeros((0, 3)), np.zeros((0, 3), np.int64), None
     for name, count, properties in elements:
         if any(length for *_, length in properties):
@@ -278,23 +237,3 @@ def _read_ply(path: Path, content: bytes) -> Mesh:
                     levels = np.stack([rows[channel] for channel in _CHANNELS], axis=1)
             begin += row.itemsize * count
     return Mesh(vertices, faces, _from_levels(levels))
-
-
-def _read_text_ply(words: list[bytes], elements: list[Any]) -> Mesh:
-    vertices, polygons, at = np.zeros((0, 3)), list[np.ndarray](), 0
-    for name, count, properties in elements:
-        if any(length for *_, length in properties):
-            if len(properties) > 1:
-                raise ValueError(f"element {name} has more than its list")
-            for _ in range(count):
-                entries, at = _take_list(words, at)
-                if name == "face":
-                    polygons.append(entries)
-        elif properties:
-            width = len(properties)
-            rows = np.array(words[at : at + width * count], np.float64).reshape(count, width)
-            if name == "vertex":
-                columns = [each for each, *_ in properties]
-                vertices = rows[:, [columns.index(axis) for axis in "xyz"]]
-            at += width * count
-    return Mesh(vertices, _read_triangles(polygons))

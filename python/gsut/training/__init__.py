@@ -5,7 +5,6 @@ Rooms of their own, whose doors anyone may use: `first`, `record` and `tuning`.
 
 from gsut.training.degree_trial import choose_degree
 from gsut.training.loop import TrainingLoop
-from gsut.training.photometric_poses import find_video_poses
 from gsut.training.record import (
     TrainedRun,
     load_run,
@@ -19,7 +18,6 @@ __all__ = [
     "TrainedRun",
     "TrainingLoop",
     "choose_degree",
-    "find_video_poses",
     "load_run",
     "open_trained",
     "read_light",

@@ -36,7 +36,7 @@ from gsut.training.surface import SurfaceTerms, SurfaceWeights
 # distance, in less than half the time, leads to the same quality.
 RAY_FROM = 0.6
 # Weight of 1 - SSIM in the loss, beside that of the mean absolute difference (published).
-_SSIM_WEIGHT = 0.2
+SSIM_WEIGHT = 0.2
 # Training without a background of its own draws one a step from this stream of the run's seed.
 _BACKGROUND_STREAM = 0xBAC6
 
@@ -127,7 +127,7 @@ class TrainingLoop:
         self.refiner = TrainingRefiner(self.views, options, tracks, moving) if refine else None
         self.drawing = Drawing(context)
         self.photographs = PhotographModel(scene, options, light)
-        self.surface = SurfaceTerms(SurfaceWeights(), scene, options.known_depth) if flat else None
+        self.surface = SurfaceTerms(SurfaceWeights(), scene) if flat else None
         self._mean = TrajectoryMean(is_flat)
 
     @property
@@ -228,7 +228,7 @@ class TrainingLoop:
     def _compare(self, step: _Step, target: _core.PhotometricTarget) -> float:
         """Returns the loss against the photograph and writes its gradient to the image's buffer."""
         image, dimage = step.level.get_buffers(step.view)
-        loss, _ = _core.photometric_loss(target, image, dimage, _SSIM_WEIGHT)
+        loss, _ = _core.photometric_loss(target, image, dimage, SSIM_WEIGHT)
         self._choose_pixels(step, dimage)
         self.outliers.leave_out(self.step, step.view, target, image, dimage)
         if self.cut_out is not None:

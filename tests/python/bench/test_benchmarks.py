@@ -1,7 +1,6 @@
 """Each benchmark on small data: its rows hold time with error, quality or truth."""
 
 import json
-import shutil
 
 import numpy as np
 import pytest
@@ -9,8 +8,7 @@ import pytest
 import gsut
 import rendered_dataset
 from demo_hall import write_hall
-from gsut import _core
-from tests.bench import accuracy, render_bench, scenes
+from tests.bench import render_bench
 from tests.bench.__main__ import load_benchmark, main
 from tests.bench.harness import HALL, measure_rows
 
@@ -52,25 +50,6 @@ def test_render_of_a_wrong_result_prints_no_time(tmp_path, monkeypatch, capsys):
     assert "out of bounds" in capsys.readouterr().err
 
 
-def test_ways_miss_nothing_and_state_error_beside_time(tmp_path):
-    options = {"counts": ("2k",), "runs": 1, "tiles": 2, "pixels": 48 * 48}
-    rows = run_bench("ways", tmp_path, only="demo's fisheye, 2k, native", **options)
-    rows |= run_bench("ways", tmp_path, only="splined, 2k, WebAssembly", **options)
-    assert len(rows) == 1 + bool(shutil.which("node"))
-    for row in rows.values():
-        assert row["ms"] > 0 and row["cpu_ms"] > 0 and row["missed"] == 0
-        assert row["image_rms_error"] <= render_bench.IMAGE_RMS_BOUND
-
-
-def test_a_gaussian_that_is_left_out_is_counted_as_missed():
-    scene = scenes.scene_from_arrays("synthetic_2k_64x48")
-    truth = accuracy.make_truth(scene, _core.BlendRule(), tiles=4, with_gradients=False)
-    whole = gsut.render(scene.gaussians, scene.camera, scene.camera_from_world)
-    assert accuracy.count_missed(truth, whole.alpha, 1 / 255) == 0
-    some = gsut.render(scene.gaussians[::2], scene.camera, scene.camera_from_world)
-    assert accuracy.count_missed(truth, some.alpha, 1 / 255) > 100
-
-
 def test_stages_of_a_step_add_up(tmp_path):
     (row,) = run_bench("steps", tmp_path, scenes=("synthetic_1k_64x48",), steps=2).values()
     stages = [row[key] for key in ("loss", "adam", "project", "forward", "backward", "gradients")]
@@ -93,25 +72,6 @@ def test_compact_measures_the_whole_model_methods_and_rivals(hall):
         assert 5 < rows[name]["psnr"] < 60 and rows[name]["render_ms"] > 0
         assert rows[name]["cpu_seconds"] > 0
     assert rows["hall, ghap, 0.5"]["cpu_seconds"] > whole["cpu_seconds"]
-
-
-@pytest.mark.slow
-def test_refine_measures_what_is_left_of_a_disturbance(hall):
-    options = {"steps": 20, "max_gaussians": 300, "disturbances": ("small", "lens")}
-    rows = run_bench("refine", hall, **options)
-    small = "hall, 0.5 degrees, 2 cm"
-    assert rows["hall, nothing, plain"]["rotation_degrees"] < 1e-6
-    assert rows[f"{small}, plain"]["rotation_degrees"] > 0.05
-    assert rows[f"{small}, refined"]["psnr"] > 5
-    assert rows["hall, focal 2 %, k1 20 %, plain"]["focal_percent"] == pytest.approx(2.0)
-
-
-@pytest.mark.slow
-def test_light_is_compared_with_the_truth(hall):
-    options = {"steps": 20, "max_gaussians": 200, "views": 8, "size": 48}
-    rows = run_bench("light", hall, only="falloff + noise", **options)
-    assert [row["flags"] for row in rows.values()] == ["--exposure off", "--exposure auto"]
-    assert all(row["psnr_truth"] > 3 for row in rows.values())
 
 
 def test_lens_is_judged_by_where_its_rays_go(tmp_path, rng):

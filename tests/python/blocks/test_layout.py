@@ -57,25 +57,13 @@ def test_layout_is_read_back_as_written(rng, tmp_path):
     assert Layout.read(str(file)) == layout
 
 
-TREE = {"axis": 0, "at": 0.0, "below": None, "above": None}
-
-
 @pytest.mark.parametrize(
-    ("content", "words"),
-    [
-        ("[1, 2", "not valid JSON"),
-        ("[]", "a layout is"),
-        ('{"tree": 3}', "tree must be null"),
-        (json.dumps({"tree": TREE | {"axis": 3}}), "tree.axis is 3"),
-        (json.dumps({"tree": TREE | {"at": "x"}}), "tree.at is 'x'"),
-        (json.dumps({"tree": TREE | {"above": {}}}), "tree.above must be"),
-        (json.dumps({"tree": None, "near": [[1, 1, 1], [0, 2, 2]]}), "the lower one first"),
-        (json.dumps({"tree": None, "near": 4}), "two corners"),
-    ],
-)
-def test_wrong_layout_file_is_refused_by_its_place(tmp_path, content, words):
+    "content",
+    ["[1, 2", "[]", '{"tree": 3, "near": null}', '{"tree": {"axis": 3}, "near": null}',
+     '{"tree": null, "near": 4}'],
+)  # fmt: skip
+def test_damaged_layout_is_refused_by_its_name(tmp_path, content):
     file = tmp_path / "layout.json"
     file.write_text(content)
-    with pytest.raises(gsut.InputError, match=words) as caught:
+    with pytest.raises(gsut.InputError, match=r"layout\.json.*damaged"):
         Layout.read(str(file))
-    assert str(file) in str(caught.value)

@@ -86,22 +86,6 @@ def test_render_writes_the_same_pictures(run, reads, give, tmp_path, size):
         assert pictures[0] == pictures[1]
 
 
-def test_mesh_is_the_same_and_says_what_it_cannot(run, reads, give, tmp_path, capsys, monkeypatch):
-    flags = ["mesh", str(run), "--quiet", "--voxel", "0.1", "-o"]
-    assert main([*flags, str(tmp_path / "whole.ply")]) == 0
-    assert not reads
-    # All are too many, those of a view are not.
-    monkeypatch.setattr("gsut.formats.ply.count_bytes_per_gaussian", lambda degree: 1000)
-    give(3_000_000)
-    assert main([*flags, str(tmp_path / "stored.ply")]) == 0
-    assert reads
-    pictures = [(tmp_path / f"{kind}.ply").read_bytes() for kind in ("whole", "stored")]
-    assert pictures[0] == pictures[1]
-    give(100_000)
-    assert main([*flags, str(tmp_path / "none.ply")]) != 0
-    assert "free some memory" in capsys.readouterr().err
-
-
 def test_view_draws_the_same_frames_and_refuses_what_needs_all(run, reads, give):
     sessions = []
     for limit in (ENOUGH, MEMORY):

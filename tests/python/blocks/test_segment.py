@@ -82,15 +82,6 @@ def test_segments_from_files_give_the_bits_of_one_go(task, tmp_path):
     assert all(path.endswith(".png") for path in list_photographs(values))
 
 
-def test_block_is_trained_on_its_views_as_often_as_they_show_it(task):
-    rates = np.where(np.arange(len(task.rates)) < 4, 0.25, 1.0)
-    loop, seen = BlockLoop(dataclasses.replace(task, rates=rates)), []
-    for _ in range(12):
-        seen.append(loop._begin_step().view)
-        loop.step += 1
-    assert seen == order_views(rates, FEW_STEPS.steps, FEW_STEPS.seed)[:12].tolist()
-
-
 def test_round_that_goes_on_gives_the_bits_of_an_unbroken_one(task):
     """Adam's moments come along: without them the first steps are as large as the first of all."""
     whole = finished(dataclasses.replace(task, segments=1))

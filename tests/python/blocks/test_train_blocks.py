@@ -45,10 +45,9 @@ def test_training_in_blocks_writes_one_scene(finished):
     assert blocks["pixels"] > blocks["coarse"]["pixels"] > 0
     stages = ["coarse", "layout", "tasks 1", "round 1", "tasks 2", "round 2", "measure"]
     assert list(json.loads((out / "blocks/stages.json").read_text())) == stages
-    assert blocks["stages"]["round 1"]["bytes"] > 0
+    assert blocks["stages"]["round 1"] > 0
     report = (out / "report.html").read_text()
     assert "3 blocks in 2 rounds" in report
-    assert 'alt="map of the blocks"' in report
     assert metrics["psnr"] > 15
     history = RunFolder(out).history.read()
     assert len(history) == 2
@@ -119,18 +118,10 @@ def test_run_that_was_broken_off_goes_on_to_the_same_bits(scene, finished, tmp_p
     assert same_bits(finished / "run", out)
 
 
-def test_layout_of_a_run_makes_the_same_run(scene, finished, tmp_path):
-    layout = tmp_path / "layout.json"
-    shutil.copy(finished / "run/blocks/layout.json", layout)
-    train(scene, tmp_path / "run", str(layout))
-    assert same_bits(finished / "run", tmp_path / "run")
-
-
-def test_block_that_nothing_shows_is_kept_as_it_is(scene, tmp_path):
-    tree = {"axis": 0, "at": 1e6, "below": None, "above": None}
-    layout = tmp_path / "layout.json"
-    layout.write_text(json.dumps({"tree": tree}))
-    result = train(scene, tmp_path / "run", str(layout))
+def test_block_that_nothing_shows_is_kept_as_it_is(scene, tmp_path, monkeypatch):
+    layout = Layout({"axis": 0, "at": 1e6, "below": None, "above": None})
+    monkeypatch.setattr("gsut.blocks.stages.cut_scene", lambda *_: layout)
+    result = train(scene, tmp_path / "run", "2")
     rows = result.metrics["blocks"]["rows"]
     assert [row["steps"] for row in rows] == [60, 0]
     assert rows[1]["gaussians"] == 0
@@ -201,8 +192,8 @@ def test_memory_decides_the_number_of_blocks_and_refuses_what_does_not_fit(scene
 @pytest.mark.parametrize(
     ("flags", "words"),
     [
-        (["--blocks", "0"], "--blocks 0: from 1"),
-        (["--blocks", "none.json"], "nor an existing layout.json"),
+        (["--blocks", "0"], "--blocks 0: auto, or a number from 1"),
+        (["--blocks", "none.json"], "--blocks none.json: auto, or a number"),
         (["--blocks", "2", "--memory", "much"], "--memory must be like"),
         (["--workers", "2"], "--workers is for a training in --blocks"),
         (["--blocks", "2", "--view"], "--view shows a training as a whole"),

@@ -27,7 +27,7 @@ COMMANDS = {
 OF_RUNS = {
     "eval": ("eval RUN", "gsut.cli.eval", "_measure_run"),
     "localize": ("localize DATA/images/0.png --run RUN", "gsut.refine", "localize"),
-    "mesh": ("mesh RUN -o OUT.ply", "gsut.surface", "render_depth_maps"),
+    "mesh": ("mesh RUN -o OUT.ply", "gsut.surface", "extract_mesh"),
     "lift": ("lift DATA RUN MAPS -o OUT.npz", "gsut.lifting", "lift"),
     "compact": ("compact RUN -o OUT --keep 0.5", "gsut.training.tuning", "RunCompactor"),
 }

@@ -38,7 +38,7 @@ REFUSED = {
     "edit in.ply -o new.ply --scale 1e30": "--scale must be above 0, from",
     "edit in.ply -o new.ply --up 1e300 0 0": "--up: takes a number from",
     "compact in.ply -o new.ply --keep nan": "--keep: takes a finite number",
-    f"mesh run -o new.ply --faces {LARGE}": "--faces: takes a whole number",
+    f"mesh run -o new.ply --holes {LARGE}": "--holes: takes a whole number",
     f"poses data -o new --fov {LARGE}": "--fov must be >= ",
     # places that are not there, or of another kind
     "train data -o file": "is a file",
@@ -67,8 +67,6 @@ REFUSED = {
     "convert in.ply k.gif": "no format to write has this suffix",
     "edit in.ply -o k.gif": "no format to write has this suffix",
     # flags that contradict each other
-    "render run --order ray --depth z": "or take --depth-kind mean",
-    "render run --order ray --confidence": "not drawn by --order ray",
     "train data -o new --serve 127.0.0.1:0": "add --view",
 }  # fmt: skip
 

@@ -128,19 +128,8 @@ def copied(finished_scene, tmp_path):
     return run, video, ["scene", str(video), *words[2:], "-o", str(run)]
 
 
-def mark_by_time(run, video):
-    """Names the film by its time of change, as earlier versions did."""
-    path = run / "poses/capture/capture.json"
-    figures = json.loads(path.read_text())
-    figures["key"]["inputs"][0][2] = video.stat().st_mtime_ns
-    path.write_text(json.dumps(figures))
-
-
-@pytest.mark.parametrize("is_old", [False, True])
-def test_changed_film_of_a_trained_scene_is_refused(copied, capsys, is_old):
+def test_changed_film_of_a_trained_scene_is_refused(copied, capsys):
     run, video, same = copied
-    if is_old:
-        mark_by_time(run, video)
     figures = json.loads((run / "scene.json").read_text())
     assert main(same) == 0
     walk_past(video, frames=8)
@@ -283,21 +272,6 @@ def test_time_left_is_that_of_the_last_run_at_the_pace_of_this_one(tmp_path, mon
     assert bars.seconds == pytest.approx(slower)
     (tmp_path / "gsut/stages.json").write_text("no JSON")
     assert StagedProgress("a command", ("a", "b"), enabled=False).estimate_left() == 2
-
-
-def test_staged_bar_goes_by_the_work_and_not_by_stages_that_are_short(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    clock, names = Clock(), ("capture", "features", "training")
-    bars = StagedProgress("a command", names, file=io.StringIO(), clock=clock)
-    bars.plan(60, "features")
-    run_stages(bars, clock, {"capture": 1.0, "features": 60.0, "training": 40.0})
-    clock.now = 0.0
-    bars = StagedProgress("a command", names, enabled=False, clock=clock)
-    assert bars.estimate_left() == pytest.approx(101)
-    bars.plan(6, "features")  # fewer pictures, and large ones: they take long to write
-    with bars.stage("capture"):
-        clock.now = 20.0
-    assert bars.estimate_left() == pytest.approx(6 + 40)
 
 
 def test_staged_bar_never_goes_back_and_skips_what_is_done(tmp_path, monkeypatch):

@@ -10,7 +10,6 @@ import pytest
 import gsut
 import tolerances
 from gsut.cli import main
-from gsut.data import list_writable_layouts
 from gsut.data.points import load_points_ply
 from gsut.formats import list_formats
 from gsut.render import PixelFilter, to_uint8, write_png
@@ -151,21 +150,6 @@ def test_mesh_and_cut_scene_lie_where_the_points_do(case, tmp_path):
     assert np.abs(cut.means + cut.origin - middle).max() < 0.3 + tolerances.FORMATS_IN_PLACE
 
 
-def test_each_layout_keeps_the_place(case, tmp_path):
-    _, data, _ = case
-    scene = gsut.load_dataset(data, test_every=0)
-    atol = tolerances.DATA_UTM_POSITION
-    for layout in list_writable_layouts():
-        out = tmp_path / layout
-        assert main(["data", "convert", str(data), str(out), "--to", layout]) == 0
-        found = gsut.load_dataset(out, test_every=0)
-        theirs, mine = (np.array([v.camera_center for v in each.views]) for each in (found, scene))
-        away = np.linalg.norm(theirs[:, None] - mine, axis=-1)  # a layout may order by other names
-        assert sorted(away.argmin(axis=1)) == list(range(len(scene))), layout
-        assert away.min(axis=1).max() < tolerances.ENGINEER_UTM, layout
-        np.testing.assert_allclose(found.points, scene.points, rtol=0, atol=atol)
-
-
 def test_compacted_run_and_file_stay_in_place(case, tmp_path):
     _, data, run = case
     before = json.loads((run / "metrics.json").read_text())["psnr"]
@@ -205,29 +189,6 @@ def test_refined_poses_lie_beside_the_given_ones(case, tmp_path):
     assert abs(found["psnr"] - metrics["psnr"]) < tolerances.SAME_FRAME_DB
 
 
-def test_result_of_train_is_in_the_datasets_coordinates(case):
-    _, data, _ = case
-    scene = gsut.load_dataset(data)
-    options = gsut.TrainOptions(steps=40, max_gaussians=100, sh_degree=0)
-    result = gsut.train(scene, options, progress=False)
-    g, camera, pose = result.gaussians, scene.camera(0), scene.views[0].camera_from_world
-    np.testing.assert_array_equal(g.origin, scene.centred.world_offset)
-    assert not result.scene.world_offset.any()
-    found = gsut.evaluate(g, scene, scene.test_indices)["psnr"]
-    assert abs(found - result.metrics["psnr"]) < tolerances.SAME_FRAME_DB
-    both = [gsut.render(g, camera, pose, dtype=dtype) for dtype in ("float32", "float64")]
-    assert np.abs(both[0].image - both[1].image).max() < tolerances.SAME_FRAME_IMAGE
-    slopes = [gsut.render_backward(each, np.ones_like(each.image)).pose for each in both]
-    worst = np.abs(slopes[0] - slopes[1]).max() / np.abs(slopes[1]).max()
-    assert worst < tolerances.SAME_FRAME_SLOPE
-    near = scene.centred.views[0].camera_from_world
-    places = [
-        gsut.project(each, camera, place).centers
-        for each, place in ((g, pose), (g.translate(-g.origin), near))
-    ]
-    np.testing.assert_allclose(*places, atol=tolerances.SAME_FRAME_PIXELS)
-
-
 def test_origin_of_a_file_comes_back_and_a_damaged_one_is_refused(tmp_path, rng):
     g = truth(rng).translate(UTM)
     file = tmp_path / "scene.ply"
@@ -237,17 +198,6 @@ def test_origin_of_a_file_comes_back_and_a_damaged_one_is_refused(tmp_path, rng)
     file.write_bytes(file.read_bytes().replace(b"691234.5 ", b"east "))
     with pytest.raises(gsut.InputError, match="must end in three numbers"):
         gsut.formats.load_ply(file)
-
-
-def test_about_another_origin_is_the_same_place(rng):
-    g = truth(rng).to_dtype(np.float64).translate(NEAR)
-    for origin in (np.zeros(3), UTM):
-        moved = g.with_origin(origin)
-        atol = tolerances.DATA_UTM_POSITION
-        np.testing.assert_allclose(moved.means + origin, g.means + NEAR, rtol=0, atol=atol)
-        assert (
-            g[:3].copy().to_dtype(np.float32).with_origin(origin).origin.tolist() == origin.tolist()
-        )
 
 
 def test_every_format_keeps_the_place_or_says_that_it_cannot(case, tmp_path, capsys):

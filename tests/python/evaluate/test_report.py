@@ -50,7 +50,7 @@ class Page(html.parser.HTMLParser):
 def test_report_is_one_file_that_asks_for_nothing_outside(run):
     text = (run.path / RunFile.REPORT).read_text()
     page = Page(text)
-    assert len(page.sources) >= 2 * 4 + 6 + 1  # two views, curves twice, rings
+    assert len(page.sources) >= 2 * 4 + 3 + 1  # two views, curves, rings
     assert all(source.startswith("data:image/") for source in page.sources)
     assert "link" not in page.tags
     assert not re.search(r"@import|url\(\s*[^d\"')]|https?://", text.replace("data:image", ""))

@@ -175,7 +175,6 @@ def test_lift_and_render_commands_write_labels_that_meet_the_held_out_maps(
         (["lift", data, file, maps, "-o", film], "written as .npz"),
         (["lift", data, file, maps, "--unknown", "1", "-o", film + ".npz"], "add --labels"),
         (["render", file, "-o", film, "--lifted", out], "a film has no lifted values"),
-        (["render", file, "-o", film, "--depth-kind", "mean"], "add --depth"),
     ]
     for words, message in refused:
         assert main(words) == 2, words

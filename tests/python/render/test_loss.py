@@ -237,15 +237,6 @@ def test_light_that_is_none_is_refused(pair):
         target.light_sums(image, np.full(image.shape[:2], 2, np.uint8), 2)
 
 
-def test_half_image_psnr_judges_what_it_did_not_fit(pair):
-    truth = pair[0] / 255.0
-    assert metrics.half_image_psnr(0.5 * truth, truth) > 100
-    other = truth.copy()
-    other[:, WIDTH // 2 :] *= 0.5
-    assert metrics.half_image_psnr(other, truth) < 20
-    assert metrics.half_image_psnr(truth, truth, np.arange(WIDTH) < np.full((HEIGHT, 1), 5)) is None
-
-
 def test_trimming_takes_areas_that_differ_and_leaves_edges(pair, rng):
     image = rng.random((HEIGHT, WIDTH, 3), np.float32)
     photograph = np.clip(image + 0.01 * rng.standard_normal(image.shape), 0, 1).astype(np.float32)

@@ -34,17 +34,12 @@ def test_free_memory_is_that_of_the_machine_at_most():
     assert format_size(1_234_567) == "1.23 MB"
 
 
-@pytest.mark.parametrize(
-    ("line", "files"),
-    [
-        ("0::/a/b\n", {"a/memory.max": "900", "a/memory.current": "500",
-                       "a/memory.stat": "inactive_file 30", "a/b/memory.max": "max"}),
-        ("4:memory:/a\n", {"memory/a/memory.limit_in_bytes": "900",
-                           "memory/a/memory.usage_in_bytes": "500",
-                           "memory/a/memory.stat": "total_inactive_file 30"}),
-    ],
-)  # fmt: skip
-def test_control_groups_of_both_versions_count(tmp_path, monkeypatch, line, files):
+def test_control_groups_count(tmp_path, monkeypatch):
+    line = "1:name=systemd:/a\n0::/a/b\n"
+    files = {
+        "a/memory.max": "900", "a/memory.current": "500", "a/memory.stat": "inactive_file 30",
+        "a/b/memory.max": "max",
+    }  # fmt: skip
     for name, content in files.items():
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text(content + "\n")

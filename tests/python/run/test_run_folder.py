@@ -3,11 +3,6 @@
 import json
 import math
 import os
-import signal
-import subprocess
-import sys
-import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -133,41 +128,6 @@ def test_checkpoint_when_writing_fails_keeps_the_one_before(tmp_path, rng, monke
     ]
 
 
-def test_checkpoint_of_a_killed_process_is_always_complete(tmp_path):
-    """Kills a process that writes checkpoints without pause, at different moments."""
-    script = (
-        "import sys, numpy as np\n"
-        "from gsut.run.folder import RunFolder\n"
-        "from gsut.run.options import TrainOptions\n"
-        "run = RunFolder.create(sys.argv[1], TrainOptions(steps=100), resume=True)\n"
-        "step = (run.load_checkpoint() or (0, None))[0]\n"
-        "while True:\n"
-        "    step += 1\n"
-        "    run.history.append({'step': step})\n"
-        "    run.save_checkpoint(step, {'a': np.full(300_000, step)})\n"
-        "    print(step, flush=True)\n"
-    )
-    path = tmp_path / "run"
-    package = str(Path(gsut.__file__).parent.parent)
-    environment = os.environ | {"PYTHONPATH": package}
-    last = 0
-    for delay in (0.0, 0.003, 0.011):
-        process = subprocess.Popen(
-            [sys.executable, "-c", script, str(path)], stdout=subprocess.PIPE, env=environment
-        )
-        process.stdout.readline()
-        time.sleep(delay)
-        process.send_signal(signal.SIGKILL)
-        process.communicate()
-        step, state = RunFolder.open(path).load_checkpoint()
-        assert step > last
-        assert np.array_equal(state["a"], np.full(300_000, step))
-        assert [row["step"] for row in RunFolder.open(path).history.read()] == list(
-            range(1, step + 1)
-        )
-        last = step
-
-
 def test_create_in_a_folder_with_a_run_refuses_and_changes_nothing(tmp_path):
     for name in (RunFile.SCENE, RunFile.OPTIONS, RunFile.METRICS, RunFile.CHECKPOINT):
         path = tmp_path / name.replace(".", "_")
@@ -177,14 +137,6 @@ def test_create_in_a_folder_with_a_run_refuses_and_changes_nothing(tmp_path):
             RunFolder.create(path, OPTIONS_OF_RUN)
         assert [p.name for p in path.iterdir()] == [name]
         assert (path / name).read_text() == "precious"
-
-
-def test_create_where_a_run_is_refuses_and_changes_nothing(tmp_path):
-    run = RunFolder.create(tmp_path / "run", OPTIONS_OF_RUN)
-    run.write_text(RunFile.METRICS, "precious")
-    with pytest.raises(InputError, match="already holds a run; add --resume"):
-        RunFolder.create(run.path, OPTIONS_OF_RUN)
-    assert (run.path / RunFile.METRICS).read_text() == "precious"
 
 
 def test_create_where_a_file_stands_says_so(tmp_path):

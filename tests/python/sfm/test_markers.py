@@ -127,10 +127,8 @@ def test_markers_on_the_ground_are_its_frame(tmp_path):
     mapping = start_mapping(tmp_path, None, PosesOptions(marker=EDGE), None)
     held = dict.fromkeys(mapping.photographs.names, 1)  # as of a capture: upright
     photographs = dataclasses.replace(mapping.photographs, orientations=held)
-    result = run_mapping(
-        tmp_path, tmp_path / "out", mapping.replace(photographs=photographs),
-        lambda mapping, _: _map(mapping),
-    )  # fmt: skip
+    photographs = mapping.replace(photographs=photographs)
+    result = run_mapping(tmp_path, tmp_path / "out", photographs, _map)
     figures = result.figures["markers"]
     assert figures["applied"] and figures["frame"] == 7
     off = find_centers(result.solution.camera_from_world) - (true - [*ON_FLOOR[7], 0])[

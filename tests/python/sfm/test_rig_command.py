@@ -78,7 +78,6 @@ def test_poses_with_a_rig_writes_both_lenses_in_all_forms(demo, poses):
     ("flags", "message"),
     [
         (["--rig", "RIG", "--camera", "left.yaml"], "--camera contradicts --rig"),
-        (["--rig", "RIG", "--photometric"], "--photometric contradicts --rig"),
         (["--refine-rig"], "--refine-rig needs a rig"),
         (["--rig", "none.json"], "none.json: cannot be opened"),
     ],

@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 
 import gsut
-from gsut import InputError, TrainOptions
+from gsut import TrainOptions
 from gsut.cli import main
 from gsut.run.folder import RunFile
-from gsut.run.options import parse_size
 from gsut.training import TrainedRun
 from gsut.training.tuning import levels
-from gsut.training.tuning.compact_run import CompactOptions, RunCompactor, count_for_bytes
+from gsut.training.tuning.compact_run import CompactOptions, RunCompactor
 from gsut.training.tuning.finetuning import finetune, finetune_options
 from random_scenes import arrays_of
 
@@ -99,31 +98,6 @@ def test_target_psnr_drop_finds_fewer_gaussians_within_it(scene, run):
     assert max(failed) * 1.2 + 2 > len(small)
 
 
-def test_target_size_is_held_by_the_file(run, tmp_path):
-    out = tmp_path / "small"
-    assert main(["compact", str(run), "--target-size", "15kB", "-o", str(out), "--quiet"]) == 0
-    size = (out / RunFile.SCENE).stat().st_size
-    assert 12_000 < size <= 15_000
-
-
-@pytest.mark.parametrize(
-    ("text", "size"), [("5MB", 5_000_000), ("1.5 kb", 1500), ("123", 123), ("2GB", 2 * 10**9)]
-)
-def test_sizes_are_read(text, size):
-    assert parse_size(text) == size
-
-
-@pytest.mark.parametrize("text", ["", "MB", "5XB", "-1MB", "nan", "0"])
-def test_sizes_that_are_none_are_refused(text):
-    with pytest.raises(InputError, match="--target-size must be"):
-        parse_size(text)
-
-
-def test_target_size_too_small_for_one_is_refused(run):
-    with pytest.raises(InputError, match="too small"):
-        count_for_bytes(gsut.formats.load_ply(run / RunFile.SCENE), 100)
-
-
 def test_compact_of_a_ply_file_needs_no_photograph(run, tmp_path, capsys):
     out = tmp_path / "small.ply"
     words = ["compact", str(run / RunFile.SCENE), "--keep", "0.25", "-o", str(out), "--json"]
@@ -147,8 +121,8 @@ def test_compact_of_a_ply_file_needs_no_photograph(run, tmp_path, capsys):
     [
         (["--keep", "0"], "keep must be above 0 and at most 1, found 0.0"),
         (["--keep", "1.5"], "keep must be above 0 and at most 1, found 1.5"),
-        ([], "give one of --keep, --target-psnr-drop and --target-size"),
-        (["--keep", "0.1", "--target-size", "5MB"], "give one of --keep"),
+        ([], "give one of --keep and --target-psnr-drop"),
+        (["--keep", "0.1", "--target-psnr-drop", "1"], "give one of --keep"),
         (["--keep", "0.1", "--method", "best"], "known: ghap"),
         (["--keep", "0.1", "--finetune", "-1"], "--finetune must be 0 or more"),
         (["--target-psnr-drop", "0"], "--target-psnr-drop must be above 0"),

@@ -3,7 +3,7 @@
 import gsut
 from gsut import TrainOptions
 from gsut.run.options import PRESETS, fit_to_views, presets
-from gsut.training.first import choose_complexity, complexity
+from gsut.training.first import choose_number, complexity
 from random_scenes import arrays_of
 
 
@@ -14,41 +14,36 @@ def valid_pixels(scene):
 def chosen_with(scene, monkeypatch, per_view, pixels_each, **options):
     monkeypatch.setattr(complexity, "_PER_VIEW", per_view)
     monkeypatch.setattr(complexity, "_PIXELS_EACH", pixels_each)
-    said = []
-    return choose_complexity(scene, TrainOptions(**options), said.append), said
+    return choose_number(scene, TrainOptions(**options))
 
 
 def test_number_grows_with_photographs_up_to_the_presets(scene, monkeypatch):
     views = len(scene.train_indices)
     found, said = chosen_with(scene, monkeypatch, 1000, 1)
-    assert (found.max_gaussians, found.fewer) == (1000 * views, True)
+    assert found == 1000 * views
     words = f"{views} photographs: at most {1000 * views:,} Gaussians of degree 1, 1,000 each: "
     assert said == [f"{words}more would only memorize them"]
     half = scene.replace(train_indices=scene.train_indices[: views // 2])
-    assert chosen_with(half, monkeypatch, 1000, 1)[0].max_gaussians == 1000 * (views // 2)
+    assert chosen_with(half, monkeypatch, 1000, 1)[0] == 1000 * (views // 2)
     many, said = chosen_with(scene, monkeypatch, 10**6, 1e-9)
-    assert (many.max_gaussians, many.fewer) == (200_000, False)
-    assert said == [
-        f"{views} photographs: at most 200,000 Gaussians of degree 1, the preset's number"
-    ]
+    assert (many, said) == (200_000, [])
 
 
 def test_number_is_bounded_by_pixels_that_can_be_compared(scene, monkeypatch):
     pixels = valid_pixels(scene)
     found, (said,) = chosen_with(scene, monkeypatch, 10**6, 4)
-    assert found.max_gaussians == pixels // 4
+    assert found == pixels // 4
     assert f"{pixels // 4:,} Gaussians of degree 1, one for 4 pixels: " in said
     # Photographs of half the size have a quarter of them.
     small = scene.scale_images(0.5)
     found, _ = chosen_with(small, monkeypatch, 10**6, 4)
-    assert found.max_gaussians == valid_pixels(small) // 4
+    assert found == valid_pixels(small) // 4
 
 
 def test_a_number_that_is_given_stays_and_nothing_is_said(scene, monkeypatch):
     found, said = chosen_with(scene, monkeypatch, 1, 1, max_gaussians=500, sh_degree=2)
-    assert (found.max_gaussians, found.sh_degree, found.fewer) == (500, 2, False)
-    assert said == []
-    assert chosen_with(scene, monkeypatch, 0, 1)[0].max_gaussians == 1
+    assert (found, said) == (500, [])
+    assert chosen_with(scene, monkeypatch, 0, 1)[0] == 1
 
 
 def test_training_takes_the_number_says_so_and_has_the_bits_of_one_that_is_given(
@@ -59,14 +54,12 @@ def test_training_takes_the_number_says_so_and_has_the_bits_of_one_that_is_given
     options = TrainOptions(steps=20)
     whole = gsut.train(scene, options, out=tmp_path / "a", progress=True)
     assert len(whole.gaussians) == most
-    assert whole.metrics["complexity"]["max_gaussians"] == most
     line = f"{len(scene.train_indices)} photographs: at most {most} Gaussians of degree 1, 20 each"
     assert any(note.startswith(line) for note in whole.metrics["notes"])
     assert line in capsys.readouterr().err
     assert line in (tmp_path / "a" / "report.html").read_text()
     given = gsut.train(scene, TrainOptions(steps=20, max_gaussians=most), progress=False)
     assert arrays_of(given.gaussians) == arrays_of(whole.gaussians)
-    assert given.metrics["complexity"]["because"] == ""
     assert not any("photographs: at most" in note for note in given.metrics["notes"])
 
 
@@ -76,7 +69,7 @@ def test_training_on_few_photographs_takes_fewer_steps_and_says_so(scene, monkey
     monkeypatch.setattr(presets, "_LEAST_STEPS", 5)
     views = len(scene.train_indices)
     result = gsut.train(scene, TrainOptions(preset="fast"), progress=True)
-    assert result.metrics["steps"] == result.metrics["complexity"]["steps"] == 2 * views
+    assert result.metrics["steps"] == 2 * views
     line = f"{views} photographs: {2 * views} steps, for which the preset has 50"
     assert line in capsys.readouterr().err
     assert any(note.startswith(line) for note in result.metrics["notes"])
@@ -86,8 +79,6 @@ def test_training_on_few_photographs_takes_fewer_steps_and_says_so(scene, monkey
 
 
 def test_steps_that_growth_beyond_a_small_cap_replaces_are_reported(scene):
-    said = []
     options = fit_to_views(TrainOptions(preset="fast", max_gaussians=5000), 60)
-    choose_complexity(scene, options, said.append)
-    (line,) = said
+    _, (line,) = choose_number(scene, options)
     assert "at most 5,000 Gaussians: 450 steps, for which the preset has 500; they outgrow" in line

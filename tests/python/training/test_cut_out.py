@@ -53,11 +53,6 @@ def test_training_of_cut_out_photographs_leaves_nothing_beside_the_object(cut_ou
     assert result.metrics["psnr"] > ignored.metrics["psnr"] - tolerances.CUT_OUT_PSNR
 
 
-def test_cut_out_is_found_by_transparency_that_differs_between_photographs(cut_out):
-    scene, _ = cut_out
-    assert CutOut.find(scene).share > 1 / 3
-
-
 def test_circle_that_is_transparent_in_all_photographs_is_no_cut_out(cut_out):
     scene, _ = cut_out
     for number in range(len(scene.views)):

@@ -87,11 +87,3 @@ def test_first_gaussians_add_sky_within_the_cap_only() -> None:
         options = gsut.TrainOptions(max_gaussians=cap)
         gaussians, notes = choose_first_gaussians(scene, options)
         assert len(gaussians) == count and len(notes) == (count == most)
-
-
-def test_a_run_says_that_it_seeded_a_sky(capsys) -> None:
-    options = gsut.TrainOptions(steps=2, max_gaussians=1000)
-    for sky, said in (("clouds", True), ("wall", False)):
-        result = gsut.train(ground_scene(sky), options)
-        found = [note for note in result.metrics["notes"] if "are a sky" in note]
-        assert len(found) == said and ("are a sky" in capsys.readouterr().err) == said

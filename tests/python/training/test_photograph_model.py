@@ -1,7 +1,5 @@
 """Exposure, white balance and falloff of photographs: found, taken out, and given back."""
 
-import json
-
 import cv2
 import numpy as np
 import pytest
@@ -15,12 +13,10 @@ from gsut.evaluate import evaluate
 from gsut.render import (
     Falloff,
     Light,
-    PixelFilter,
     compute_field_angles,
 )
 from gsut.run import RunFolder
-from gsut.training import read_light, read_scene, read_trained
-from gsut.training.first import interpolate_gains
+from gsut.training.photograph.gains_in_time import interpolate_gains
 from gsut.training.photograph.photograph_model import PhotographModel
 from rendered_dataset import VIEWS, write_dataset
 from room_dataset import write_room
@@ -117,20 +113,6 @@ def test_stopped_and_resumed_same_bits_and_eval_has_the_same_figures(
     capsys.readouterr()
     assert main(["eval", str(run), "--json"]) == 0
     assert f'"psnr": {resumed.metrics["psnr"]:.6f}'[:16] in capsys.readouterr().out
-    assert main(["eval", str(run), "--scale", "0.25", "--json"]) == 0
-    options, small = read_scene(RunFolder.open(run), None, 0.25)
-    gaussians = read_trained(RunFolder.open(run), None)[2]
-    light = read_light(RunFolder.open(run), small)
-    filtered = evaluate(
-        gaussians, small, small.test_indices, background=options.background, light=light,
-        pixels=PixelFilter.from_scene(gaussians, read_scene(RunFolder.open(run), None)[1]),
-    )["psnr"]  # fmt: skip
-    plain = evaluate(
-        gaussians, small, small.test_indices, background=options.background, light=light
-    )["psnr"]
-    assert json.loads(capsys.readouterr().out)["psnr"] == pytest.approx(filtered)
-    print("a quarter of the size:", filtered, "dB, without the pixel filter", plain)
-    assert filtered > plain
 
 
 def test_falloff_is_found(data):

@@ -11,7 +11,7 @@ import gsut
 import small_datasets
 import tolerances
 from gsut import InputError, TrainOptions, _core
-from gsut.data.scene import read_depth, read_normals
+from gsut.data.scene import read_depth
 from gsut.training.loop import TrainingLoop
 from gsut.training.surface.known_depth import KnownDepth, check_maps
 from gsut.training.surface.surface_terms import SurfaceTerms, SurfaceWeights
@@ -46,21 +46,7 @@ def wavy_plane(rng, count=60):
     return gsut.Gaussians(means, quats, scales, np.full(count, 0.5), np.zeros((count, 1, 3)))
 
 
-def with_normals(scene, view, folder, rng):
-    """The scene with a file of normals for a view, half of them unknown, some seen from behind."""
-    camera = scene.camera(view)
-    normals = rng.normal(size=(camera.height, camera.width, 3))
-    normals /= np.linalg.norm(normals, axis=2, keepdims=True)
-    normals[::2] = 0
-    np.save(folder / "normals.npy", normals)
-    views = list(scene.views)
-    views[view] = dataclasses.replace(views[view], normal_path=folder / "normals.npy")
-    in_world = normals @ views[view].camera_from_world[:3, :3]
-    away = np.sum(in_world * lines_of(camera, views[view].motion)[1], axis=2) > 0
-    return scene.replace(views=tuple(views)), np.where(away[..., None], -in_world, in_world)
-
-
-def total(g, camera, pose, known, weights, extent, normals):
+def total(g, camera, pose, known, weights, extent):
     """The surface terms of the double reference."""
     center = list(-pose[:3, :3].T @ pose[:3, 3])
     sh = np.empty((len(g), 1, 3))
@@ -76,17 +62,13 @@ def total(g, camera, pose, known, weights, extent, normals):
     terms = _core.surface_loss(maps, (weights.normal, 0, weights.known, extent), *out)
     # The distortion's divisor is a constant: that of the Gaussians that are given.
     flat = weights.flatten / extent * np.exp(g.log_scales).min(axis=1).mean()
-    there = np.any(normals != 0, axis=2)
-    agree = np.sum((2 * seen.image - 1) * normals, axis=2)
-    given = weights.known_normal * np.mean((seen.alpha - agree)[there])
-    return sum(terms) + flat + given, seen
+    return sum(terms) + flat, seen
 
 
-def test_gradients_of_all_terms_equal_differences_of_the_double_reference(rng, scene, tmp_path):
-    weights = SurfaceWeights(1.0, 2.0, 0.3, 0.5, start=0.0, size=1, known_normal=0.7, every=1)
+def test_gradients_of_all_terms_equal_differences_of_the_double_reference(rng, scene):
+    weights = SurfaceWeights(1.0, 2.0, 0.3, 0.5, start=0.0, size=1, every=1)
     exact, view = wavy_plane(rng), scene.train_indices[0]
-    scene, normals = with_normals(scene, view, tmp_path, rng)
-    terms = SurfaceTerms(weights, scene, "points")
+    terms = SurfaceTerms(weights, scene)
     camera, pose = scene.camera(view), scene.views[view].motion
     known = terms.known.map(scene, view, camera).astype(np.float64)
     assert np.count_nonzero(known) > 100
@@ -96,7 +78,7 @@ def test_gradients_of_all_terms_equal_differences_of_the_double_reference(rng, s
     found = terms.compute_gradients(g, scene, view, _core.BlendRule(), fraction)
     assert all(term > 0 for term in terms.last_terms)
     faded = dataclasses.replace(weights, known=0.5 * 0.01**fraction)
-    base, seen = total(exact, camera, pose, known, faded, scene.extent, normals)
+    base, seen = total(exact, camera, pose, known, faded, scene.extent)
     mean = np.where(seen.alpha >= 0.5, seen.depth / np.maximum(seen.alpha, 1e-9), np.inf)
     share = faded.distortion / mean.size / (mean**2 + scene.extent**2)
     for name in FIELDS:
@@ -107,7 +89,7 @@ def test_gradients_of_all_terms_equal_differences_of_the_double_reference(rng, s
             kept, sides = array.flat[index], []
             for sign in (1, -1):
                 array.flat[index] = kept + sign * STEP
-                value, at = total(exact, camera, pose, known, faded, scene.extent, normals)
+                value, at = total(exact, camera, pose, known, faded, scene.extent)
                 sides.append(value + np.sum(share * at.distortion))
             array.flat[index] = kept
             numeric.append((sides[0] - sides[1]) / (2 * STEP))
@@ -120,7 +102,7 @@ def test_terms_of_every_fourth_step_count_four_times(rng, scene):
     view, g = scene.train_indices[0], wavy_plane(rng).to_dtype(np.float32)
     found = []
     for every in (1, 4):
-        terms = SurfaceTerms(SurfaceWeights(every=every), scene, "points")
+        terms = SurfaceTerms(SurfaceWeights(every=every), scene)
         due = [step for step in range(1, 9) if terms.is_due(step, 0.5)]
         assert due == list(range(every, 9, every))
         assert not terms.is_due(4, terms.weights.start)
@@ -137,7 +119,7 @@ def test_points_are_known_where_a_view_sees_them_and_not_behind_others(scene):
         point_colors=np.r_[[scene.point_colors] * 2].reshape(-1, 3),
     )
     camera = scene.camera(view)
-    known = KnownDepth(both, "points").map(both, view, camera)
+    known = KnownDepth(both).map(both, view, camera)
     truth = true_distance(scene, view)
     has = known > 0
     assert has.sum() > 150
@@ -145,7 +127,7 @@ def test_points_are_known_where_a_view_sees_them_and_not_behind_others(scene):
     error = np.abs(known / truth - 1)[has]
     assert np.median(error) < 0.01 and np.mean(error > 0.05) < 0.1
     half = camera.resize(24, 18)
-    assert np.count_nonzero(KnownDepth(both, "points").map(both, view, half)) > 80
+    assert np.count_nonzero(KnownDepth(both).map(both, view, half)) > 80
 
 
 def test_depth_files_are_known_at_any_size_and_damaged_ones_are_named(tmp_path):
@@ -159,8 +141,8 @@ def test_depth_files_are_known_at_any_size_and_damaged_ones_are_named(tmp_path):
     cv2.imwrite(str(folder / "depth.png"), np.round(truth * 1000).astype(np.uint16))
     (folder / "transforms.json").write_text(json.dumps(values))
     scene = gsut.load_dataset(folder)
-    known = KnownDepth(scene, "auto")
-    assert known.source == "files"
+    known = KnownDepth(scene)
+    assert known.by_files
     camera = scene.camera(view)
     assert np.abs(known.map(scene, view, camera) - truth).max() < 1e-3
     assert known.map(scene, scene.train_indices[1], camera) is None
@@ -172,40 +154,6 @@ def test_depth_files_are_known_at_any_size_and_damaged_ones_are_named(tmp_path):
     (folder / "depth.png").write_bytes(b"")
     with pytest.raises(InputError, match=r"depth.png"):
         read_depth(scene, view)
-
-
-def test_normal_files_are_read_as_arrays_and_pictures_and_damaged_ones_are_named(tmp_path, rng):
-    folder = small_datasets.write_nerfstudio(tmp_path / "data")
-    values = json.loads((folder / "transforms.json").read_text())
-    for number, frame in enumerate(values["frames"]):
-        frame["normal_file_path"] = ["normals.npy", "8.png", "16.png", "none.png"][number % 4]
-    camera = gsut.load_dataset(folder).camera(0)
-    normals = rng.normal(size=(camera.height, camera.width, 3))
-    normals /= np.linalg.norm(normals, axis=2, keepdims=True)
-    normals[:3] = 0
-    np.save(folder / "normals.npy", 3 * normals)
-    for name, kind in (("8.png", np.uint8), ("16.png", np.uint16)):
-        levels = np.round((normals[..., ::-1] + 1) / 2 * np.iinfo(kind).max).astype(kind)
-        cv2.imwrite(str(folder / name), levels)
-    (folder / "transforms.json").write_text(json.dumps(values))
-    scene = gsut.load_dataset(folder)
-    assert any("normal maps do not exist" in note for note in scene.notes)
-    errors = {"normals.npy": 1e-6, "8.png": 0.02, "16.png": 1e-4}
-    for view in range(4):
-        path = scene.views[view].normal_path
-        if path is None:
-            assert read_normals(scene, view) is None
-        else:
-            found = read_normals(scene, view)
-            assert np.abs(found - normals).max() < errors.pop(path.name)
-    assert not errors
-    np.save(folder / "normals.npy", np.ones((5, 4)))
-    (folder / "8.png").write_bytes(b"")
-    cv2.imwrite(str(folder / "16.png"), np.ones((camera.height, camera.width), np.uint16))
-    for view in range(4):
-        if scene.views[view].normal_path is not None:
-            with pytest.raises(InputError, match=scene.views[view].normal_path.name):
-                read_normals(scene, view)
 
 
 @pytest.mark.parametrize("strategy", ["mcmc", "mini"])

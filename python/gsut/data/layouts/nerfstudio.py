@@ -124,7 +124,6 @@ def _read_frame(
             None if start is None else _read_shutter(values | frame, listing.source),
             _read_time(frame, "timestamp"),
             None if nanoseconds is None else int(nanoseconds),
-            _find_geometry(frame, "normal_file_path", listing),
             depth_form=_read_depth_form(values | frame, is_z, listing),
         )
     )
@@ -190,7 +189,7 @@ def _find_mask(frame: dict, values: dict, folder: Path, where: str) -> Path | No
 
 
 def _find_geometry(frame: dict, key: str, listing: Listing) -> Path | None:
-    """Finds a frame's file of depths or normals; notes a missing one, which few trainings need."""
+    """Finds a frame's file of depths; notes a missing one, which few trainings need."""
     name = frame.get(key)
     if not name:
         return None

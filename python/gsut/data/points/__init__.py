@@ -1,6 +1,6 @@
 """Point clouds: PLY files, and colours taken from the photographs."""
 
-from gsut.data.points.colors import UNCOLORED, color_points, find_seen_points, has_colors
+from gsut.data.points.colors import UNCOLORED, color_points, has_colors
 from gsut.data.points.ply import (
     NO_COLOR,
     find_usable_points,
@@ -13,7 +13,6 @@ __all__ = [
     "NO_COLOR",
     "UNCOLORED",
     "color_points",
-    "find_seen_points",
     "find_usable_points",
     "format_points_ply",
     "has_colors",

@@ -43,7 +43,7 @@ def color_points(
     count = min(len(scene), _MOST_VIEWS)
     chosen = np.unique(np.linspace(0, len(scene) - 1, count).round().astype(int)).tolist()
     for index in Progress(progress).iterate("colours", chosen):
-        rows, x, y, away = find_seen_points(scene, index, points)
+        rows, x, y, away = _find_seen_points(scene, index, points)
         slot = distances[:, rows].argmax(axis=0)
         nearer = away < distances[slot, rows]
         rows, slot = rows[nearer], slot[nearer]
@@ -59,7 +59,7 @@ def color_points(
     return np.where(views[:, None] > 0, middle, NO_COLOR).astype(np.uint8), views
 
 
-def find_seen_points(
+def _find_seen_points(
     scene: Scene, index: int, points: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Finds the points that a view sees, without those that hide behind others.

@@ -1,4 +1,4 @@
-"""A dataset in memory: `Scene` and its views, their split, shutter, depths and normals."""
+"""A dataset in memory: `Scene` and its views, their split, shutter and depths."""
 
 from gsut.data.scene.depth_form import DISTANCES, MILLIMETRE, DepthForm
 from gsut.data.scene.digests import capture_state, describe_changes, digest_scene
@@ -8,7 +8,7 @@ from gsut.data.scene.lines import (
     interpolate_poses,
     project_points,
 )
-from gsut.data.scene.maps import find_bad_maps, read_depth, read_normals
+from gsut.data.scene.maps import find_bad_depths, read_depth
 from gsut.data.scene.scene import Scene, View, keep_at_most
 from gsut.data.scene.shutter import order_frames, split_last_number, with_shutter
 from gsut.data.scene.split import TEST_EVERY, choose_inner_views, hold_out_views, split_views
@@ -29,7 +29,7 @@ __all__ = [
     "count_lens_turns",
     "describe_changes",
     "digest_scene",
-    "find_bad_maps",
+    "find_bad_depths",
     "find_line_times",
     "find_up",
     "find_upright_poses",
@@ -40,7 +40,6 @@ __all__ = [
     "order_frames",
     "project_points",
     "read_depth",
-    "read_normals",
     "split_last_number",
     "split_views",
     "with_shutter",

@@ -64,28 +64,17 @@ def describe_changes(before: Sequence[Sequence[Any]], paths: Sequence[Path]) -> 
     """Names the files that were changed, added or removed since `capture_state` listed them.
 
     Args:
-        before: what `capture_state` returned; earlier versions listed the time of change in
-            nanoseconds in place of the digest.
+        before: what `capture_state` returned.
         paths: the files now.
 
     Returns:
         "" if they are the same.
     """
-    old = {row[0]: row[1:] for row in before}
-    now = {str(path.resolve()): path for path in paths}
-    changed = [name for name in old if name in now and not _is_unchanged(now[name], *old[name])]
+    old, now = ({row[0]: row[1:] for row in rows} for rows in (before, capture_state(paths)))
+    changed = [name for name in old if name in now and now[name] != old[name]]
     added, removed = [n for n in now if n not in old], [n for n in old if n not in now]
     kinds = ((changed, "changed"), (added, "added"), (removed, "removed"))
     return "; ".join(f"{what}: {list_some(names)}" for names, what in kinds if names)
-
-
-def _is_unchanged(path: Path, size: int, mark: int | str) -> bool:
-    state = path.stat()
-    if state.st_size != size:
-        return False
-    return (
-        state.st_mtime_ns == mark if isinstance(mark, int) else _digest((_read_ends(path),)) == mark
-    )
 
 
 def _read_ends(path: Path) -> bytes:

@@ -39,7 +39,6 @@ class View:
         mask_path: image that is white where pixels are valid, or None.
         depth_path: as the dataset names it, not read here, or None.
         depth_form: how it is read.
-        normal_path: likewise, a map of normals.
         turns: quarter turns clockwise that show the image upright, by EXIF; its pixels, lens and
             pose are as stored.
         shutter: how the image was read out between the start and the end pose, or None.
@@ -58,7 +57,6 @@ class View:
     shutter: Shutter | None = None
     pixels: np.ndarray | None = None
     valid: np.ndarray | None = None
-    normal_path: Path | None = None
     turns: int = 0
     depth_form: DepthForm = DISTANCES
 

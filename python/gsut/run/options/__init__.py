@@ -10,7 +10,6 @@ from gsut.run.options.fields import (
     get_info,
     label_option,
     list_choices,
-    parse_size,
 )
 from gsut.run.options.flags import (
     add_option_flags,
@@ -51,6 +50,5 @@ __all__ = [
     "label_option",
     "list_choices",
     "make_recipe",
-    "parse_size",
     "raise_degree",
 ]

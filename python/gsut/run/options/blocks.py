@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from pathlib import Path
+import math
 
 from gsut._core import InputError
 from gsut.run.options.fields import (
@@ -11,11 +11,11 @@ from gsut.run.options.fields import (
     define_option,
     describe_options,
     list_words,
-    parse_size,
 )
 
 # Most blocks of a scene: their tasks are kept in one table and one folder.
 MOST_BLOCKS = 4096
+_UNITS = {"B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9}
 
 
 @describe_options
@@ -30,7 +30,7 @@ class BlockOptions:
     # fmt: off
     blocks: str = define_option(
         "auto", "Blocks", "train the scene in blocks, in less memory and on many machines: their "
-        "number; auto: as few as --memory allows; or a layout.json (see docs/blocks.md)",
+        "number; auto: as few as --memory allows",
     )
     memory: str | None = define_option(
         None, "Blocks", "memory that the training may use, such as 8GB; on a cluster: per node",
@@ -50,19 +50,15 @@ class BlockOptions:
         object.__setattr__(self, "blocks", str(self.blocks))
         check_options(self)
         self.parse_memory()
-        if self.count() is None and self.blocks != "auto" and not Path(self.blocks).is_file():
-            raise InputError(
-                f"--blocks {self.blocks}: neither auto, nor a number from 1 to {MOST_BLOCKS}, nor "
-                "an existing layout.json"
-            )
+        self.count()
 
     def count(self) -> int | None:
-        """Returns the number of blocks requested; None: auto, or given by a file."""
-        if not self.blocks.isdecimal():
+        """Returns the number of blocks requested; None: auto."""
+        if self.blocks == "auto":
             return None
-        number = int(self.blocks)
+        number = int(self.blocks) if self.blocks.isdecimal() else 0
         if not 1 <= number <= MOST_BLOCKS:
-            raise InputError(f"--blocks {number}: from 1 to {MOST_BLOCKS}")
+            raise InputError(f"--blocks {self.blocks}: auto, or a number from 1 to {MOST_BLOCKS}")
         return number
 
     def list_words(self, *but: str) -> list[str]:
@@ -71,5 +67,15 @@ class BlockOptions:
         return blocks + list_words(self, BlockOptions(), ("blocks", *but))
 
     def parse_memory(self) -> int | None:
-        """Returns --memory in bytes; None: not given."""
-        return None if self.memory is None else parse_size(self.memory, "--memory")
+        """Returns --memory in bytes, such as 8GB or 123456; None: not given."""
+        if self.memory is None:
+            return None
+        text = self.memory.strip().upper()
+        number = text.rstrip("BKMG")
+        try:
+            size = float(number) * _UNITS[text[len(number) :] or "B"]
+        except (ValueError, KeyError):
+            raise InputError(f"--memory must be like 8GB or 800MB, found {self.memory!r}") from None
+        if not (math.isfinite(size) and size >= 1):
+            raise InputError(f"--memory must be a positive size, found {self.memory!r}")
+        return int(size)

@@ -15,7 +15,6 @@ from gsut._core import InputError
 from gsut.bounds import MOST_WHOLE
 
 _MOST_SHOWN = 80  # characters of a value that is refused
-_UNITS = {"B": 1, "KB": 10**3, "MB": 10**6, "GB": 10**9}
 
 
 @dataclasses.dataclass(frozen=True)
@@ -27,7 +26,7 @@ class OptionInfo:
         help: what it does, in a few words.
         unit: unit of the value; empty for pure numbers.
         low, high: allowed range (of every entry of a tuple); None = no limit.
-        low_open, high_open: the limit itself is not allowed.
+        low_open: the limit itself is not allowed.
         choices: allowed words.
         words: words allowed instead of a value.
         none: what None means; empty if None is not allowed.
@@ -40,7 +39,6 @@ class OptionInfo:
     low: float | None = None
     high: float | None = None
     low_open: bool = False
-    high_open: bool = False
     choices: tuple[str, ...] = ()
     words: tuple[str, ...] = ()
     none: str = ""
@@ -51,15 +49,14 @@ class OptionInfo:
         if self.low is None and self.high is None:
             return "any value"
         above = ">" if self.low_open else ">="
-        below = "<" if self.high_open else "<="
         parts = [f"{above} {self.low:g}"] if self.low is not None else []
-        parts += [f"{below} {self.high:g}"] if self.high is not None else []
+        parts += [f"<= {self.high:g}"] if self.high is not None else []
         return " and ".join(parts)
 
     def is_in_range(self, number: float) -> bool:
         """Returns whether a number lies in the range; NaN never does."""
         above = self.low is None or (number > self.low if self.low_open else number >= self.low)
-        below = self.high is None or (number < self.high if self.high_open else number <= self.high)
+        below = self.high is None or number <= self.high
         return bool(above and below and math.isfinite(number))
 
 
@@ -226,20 +223,3 @@ def _describe_kind(kind: Any, info: OptionInfo) -> str:
         return f"{len(entries)} numbers" + words
     names = {int: "a whole number", float: "a number", bool: "true or false", str: "a word"}
     return names[kind] + words
-
-
-def parse_size(text: str, flag: str = "--target-size") -> int:
-    """Reads the bytes of a size such as 5MB, 800kB or 123456.
-
-    Raises:
-        InputError: not a size; names `flag`.
-    """
-    number = text.strip().upper().rstrip("BKMG")
-    unit = text.strip().upper()[len(number) :] or "B"
-    try:
-        size = float(number) * _UNITS[unit]
-    except (ValueError, KeyError):
-        raise InputError(f"{flag} must be like 5MB or 800kB, found {text!r}") from None
-    if not (math.isfinite(size) and size >= 1):
-        raise InputError(f"{flag} must be a positive size, found {text!r}")
-    return int(size)

@@ -17,8 +17,6 @@ from gsut.run.options.fields import (
     strip_none,
 )
 
-_TRUTH = {"true": True, "on": True, "yes": True, "false": False, "off": False, "no": False}
-
 
 def add_option_flags(parser: argparse.ArgumentParser, *classes: type) -> None:
     """Adds the flags of options dataclasses, grouped, with units and defaults.
@@ -31,14 +29,14 @@ def add_option_flags(parser: argparse.ArgumentParser, *classes: type) -> None:
     for options, field in ((each, field) for each in classes for field in list_fields(each)):
         info, kind = get_info(field), strip_none(_find_kinds(options)[field.name])
         words = describe_option(field).replace("%", "%%")
-        read, metavar = functools.partial(_read, kind=kind, info=info), _write_metavar(kind, info)
         if not has_flag(options, field.name):
             continue
         if info.group not in groups:
             groups[info.group] = parser.add_argument_group(info.group)
-        settings: dict[str, Any] = {"type": read, "metavar": metavar}
-        if kind is bool:
-            settings = {"action": argparse.BooleanOptionalAction}
+        settings: dict[str, Any] = {"action": argparse.BooleanOptionalAction}
+        if kind is not bool:
+            read = functools.partial(_read, kind=kind, info=info)
+            settings = {"type": read, "metavar": _write_metavar(kind, info)}
         groups[info.group].add_argument(
             format_flag(field.name), dest=field.name, default=argparse.SUPPRESS, help=words,
             **settings,
@@ -60,7 +58,7 @@ def _write_metavar(kind: Any, info: OptionInfo) -> str:
     if typing.get_origin(kind) is tuple:
         entries = typing.get_args(kind)
         return "A,B,..." if entries[-1] is Ellipsis else ",".join("XYZW"[: len(entries)])
-    return {int: "N", float: "X", str: "WORD", bool: "{true,false}"}[kind]
+    return {int: "N", float: "X", str: "WORD"}[kind]
 
 
 def _read(text: str, kind: Any, info: OptionInfo) -> Any:
@@ -71,8 +69,6 @@ def _read(text: str, kind: Any, info: OptionInfo) -> Any:
     """
     if text in info.words or info.choices:
         return text
-    if kind is bool:
-        return _TRUTH.get(text.lower(), text)
     if typing.get_origin(kind) is tuple:
         entry = typing.get_args(kind)[0]
         return tuple(_read(part.strip(), entry, info) for part in text.split(",") if part)

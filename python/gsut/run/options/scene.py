@@ -43,9 +43,6 @@ class SceneOptions:
         None, "Camera", "rough horizontal field of view", unit="degrees", low=0, low_open=True,
         high=360, none="estimated",
     )
-    shutter: str = define_option(
-        "auto", "Camera", "see `gsut poses --help`", choices=("auto", "global", "rolling"),
-    )
     frames: int | None = define_option(
         None, "Pictures", "number of frames to choose from a video", low=1,
         none="60 to 300, depending on how far the view moves",
@@ -53,9 +50,6 @@ class SceneOptions:
     nadir_cap: float = define_option(
         0.0, "Pictures", "360-degree pictures: mask everything within this angle of straight down "
         "(tripod, hand, selfie stick)", unit="degrees", low=0, high=90,
-    )
-    keep_all_pixels: bool = define_option(
-        False, "Pictures", "see `gsut poses --help`",
     )
     # fmt: on
 

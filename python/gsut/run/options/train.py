@@ -23,7 +23,7 @@ from gsut.run.options.fields import (
 from gsut.run.options.primitives import OTHER_PRIMITIVES, check_rule
 from gsut.run.options.recipe import PRESETS, Recipe, get_preset, make_recipe
 
-# --max-gaussians auto: see gsut.training.complexity.
+# --max-gaussians auto: see gsut.training.first.complexity.
 AUTO = "auto"
 # Directions of a rolling shutter other than from the top down.
 READOUTS = ("bottom_to_top", "left_to_right", "right_to_left")
@@ -44,7 +44,6 @@ class TrainOptions:
 
     FLAGS: ClassVar[tuple[str, ...]] = (
         *("preset", "steps", "seed", "threads", "scale", "max_side", "test_every", "test_names"),
-        "keep_all_pixels",
         *("shutter", "readout_time", "refine_poses", "refine_lens", "max_gaussians", "sh_degree"),
         *("primitive", "order", "background", "exposure", "surface", "robust"),
     )
@@ -89,10 +88,6 @@ class TrainOptions:
         none="the dataset's own split",
     )
 
-    keep_all_pixels: bool = define_option(
-        False, "Data", "train on pixels that show the same in all images of a camera, such as the "
-        "black around a lens' circle, bars and logos; otherwise they are left out",
-    )
     shutter: str = define_option(
         "auto", "Data", "rolling: each line of an image has its own pose, read from the top down, "
         "or in another direction; global: one pose an image; auto: as the dataset says",
@@ -155,10 +150,6 @@ class TrainOptions:
     surface: bool = define_option(
         False, "Loss", "make Gaussians flat and agree on one surface: for depth, normals and "
         "gsut mesh")
-    known_depth: str = define_option(
-        "auto", "Loss", "distances that --surface takes from the dataset: points, files (along the "
-        "ray; 16-bit pictures in millimetres, .npy in the dataset's units), off, or auto: files if "
-        "training views have them, else points", choices=("auto", "points", "files", "off"))
     robust: bool = define_option(
         False, "Loss", "leave areas of a photograph that differ from all others, such as "
         "passers-by, out of the loss")

@@ -58,9 +58,8 @@ _NEAR_STEP = 0.06
 _FAR_STEP = 0.5
 # Difference of grey values at which an edge costs half.
 _EDGE = 0.05
-# Distances within which two photographs show the same.
-_WITHIN = 1.0
-# Share of the inverse distance within which they do where distances are finer.
+# Share of the inverse distance within which two photographs show the same where the distances that
+# are tried are finer.
 _WITHIN_SHARE = 0.02
 # Other photographs that make a distance sure.
 _SURE = 2.0
@@ -232,7 +231,7 @@ def _compare(
         seen = photographs[row].is_inside(pixels)
         x, y = np.where(seen[:, None], pixels, 0).astype(int).T
         there = np.where(seen, other[y, x], 0)
-        within = np.maximum(_WITHIN * step, _WITHIN_SHARE * there)
+        within = np.maximum(step, _WITHIN_SHARE * there)
         off = inverse - there
         agree[rows, columns] += (there > 0) & (np.abs(off) < within)
         oppose[rows, columns] += (there > 0) & (off > 2 * within)

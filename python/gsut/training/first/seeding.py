@@ -27,12 +27,11 @@ from gsut.training.first.sky import describe_sky, find_sky
 _RANDOM_NEAR = 0.05
 # Farthest distance of random first Gaussians from a camera, x scene extent: far walls and hills.
 _RANDOM_FAR = 4.0
-# Number of random first Gaussians; growth adds more where they are needed.
-_RANDOM_COUNT = 30_000
+# Most first Gaussians at random or at known depths, which cost no search; growth adds more where
+# they are needed.
+_MOST_FREE = 30_000
 # Most points found by stereo: growth places the others where detail is.
 _STEREO_COUNT = 8000
-# Most points at known depths, which cost no search.
-_DEPTH_COUNT = 30_000
 # Most views whose depths are read for them.
 _MOST_DEPTHS = 100
 # Points found by stereo that each of the dataset's, which are more exact, replaces.
@@ -62,7 +61,7 @@ def choose_first_gaussians(scene: Scene, options: TrainOptions) -> tuple[Gaussia
     found = _find_points_to_seed(scene, options, 0 if sky is None else len(sky[0]))
     notes = [] if sky is None else [describe_sky(len(sky[0]))]
     if found is not None:
-        where = "at known depths" if _has_depths(scene, options) else "where photographs agree"
+        where = "at known depths" if _has_depths(scene) else "where photographs agree"
         notes.append(
             f"{len(found[0])} of the first Gaussians lie {where}, beside {len(scene.points)} "
             "points of the data."
@@ -76,8 +75,8 @@ def _find_points_to_seed(scene: Scene, options: TrainOptions, sky: int) -> Color
     o, given = options, len(scene.points)
     if o.init != "auto":
         return None
-    has_depths = _has_depths(scene, options)
-    most = _DEPTH_COUNT if has_depths else _STEREO_COUNT
+    has_depths = _has_depths(scene)
+    most = _MOST_FREE if has_depths else _STEREO_COUNT
     most = min(most, round(_STEREO_SHARE * o.max_gaussians))
     count = min(most - _STEREO_PER_POINT * given, o.max_gaussians - given - sky)
     if count <= 0 or measure_coverage(scene) >= _COVERED:
@@ -87,11 +86,11 @@ def _find_points_to_seed(scene: Scene, options: TrainOptions, sky: int) -> Color
     return find_points_by_stereo(scene, count, o.seed)
 
 
-def _has_depths(scene: Scene, options: TrainOptions) -> bool:
+def _has_depths(scene: Scene) -> bool:
     """Returns whether training starts at the depth files of training views, as it has no points."""
-    if len(scene.points) or options.known_depth not in ("auto", "files"):
-        return False
-    return any(scene.views[i].depth_path is not None for i in scene.train_indices)
+    return not len(scene.points) and any(
+        scene.views[i].depth_path is not None for i in scene.train_indices
+    )
 
 
 def _find_points_by_depth(scene: Scene, most: int, seed: int) -> Colored | None:
@@ -155,7 +154,7 @@ def seed_first(scene: Scene, options: TrainOptions, more: Sequence[Colored] = ()
     else:
         first = seed_in_view(
             [scene.camera(i) for i in scene.train_indices], scene.poses(scene.train_indices),
-            min(_RANDOM_COUNT, o.max_gaussians), near=_RANDOM_NEAR * scene.extent,
+            min(_MOST_FREE, o.max_gaussians), near=_RANDOM_NEAR * scene.extent,
             far=_RANDOM_FAR * scene.extent, **shape,
         )  # fmt: skip
     first = dataclasses.replace(first, response=o.response, order=o.order)

@@ -37,8 +37,6 @@ _STAYS = 0.5
 _LOWEST = 2.0
 # Distance of a sky, x the distance of the points: parallax there is below a pixel.
 _FAR = 10.0
-# Distance that a sky is compared with, x the distance of the points.
-_NEAR = 1.0
 # Percentile of the points' distances that counts as their distance: some lie far off by mistake.
 _PERCENT = 99.0
 # Standard deviation of colours at the points' distance that noise explains, values in [0, 1].
@@ -92,7 +90,7 @@ def find_sky(scene: Scene) -> tuple[np.ndarray, np.ndarray] | None:
         if not stays or np.percentile((far - middle) @ up, _LOWEST) <= 0:
             return None
     else:
-        near = middle + (_NEAR / _FAR) * (far - middle)
+        near = middle + (1 / _FAR) * (far - middle)  # where the points are
         of_near, of_far = _average_colors(small, near_points, near)[1], apart[alike]
         compared = np.isfinite(of_near)
         afar = compared & (of_near > _NOISE) & (of_far < _LEFT_OVER * of_near)

@@ -5,9 +5,7 @@ a channel (`PhotometricTarget.light_sums`); nothing is optimised by gradients. T
 divided by its light, not the image multiplied: Gaussians learn the scene at the mean gain and
 without falloff, and the backward pass needs neither. The mean log-gain of the training views is
 held at zero, exactly, beside a level common to all: it gives gains and falloffs together a mean of
-1 over the photographs' pixels, so that the scene is as bright as its photographs are. If the
-scene's points show that gains differ, theirs are used from the first step until the images are
-better than they are.
+1 over the photographs' pixels, so that the scene is as bright as its photographs are.
 """
 
 from __future__ import annotations
@@ -28,7 +26,6 @@ from gsut.render import (
     compute_field_angles,
 )
 from gsut.run import TrainOptions
-from gsut.training.first import find_first_gains, interpolate_gains
 from gsut.training.photograph.falloff_fit import (
     DISAGREE,
     QUADRANTS,
@@ -40,14 +37,10 @@ from gsut.training.photograph.falloff_fit import (
     is_falloff_certain,
     measure_passed_light,
 )
+from gsut.training.photograph.gains_in_time import interpolate_gains
 
 # Fraction of the steps before which images show too little of the scene to judge a photograph by.
 _FROM = 0.05
-# Fraction of the steps from which images are compared although gains come from points: the falloffs
-# need them.
-_POINTS_ALONE = 0.3
-# Fraction of the steps up to which gains from points stay: later, images are better.
-_POINTS_UNTIL = 0.5
 # Fractions of the steps at which "auto" checks whether gains differ; a long run decides early.
 _DECIDED_AT = (0.25, 0.3, 0.35, 0.4, 0.5, 0.6)
 # Fractions of the steps at which falloffs are fitted: a young scene is less sharp at the rim than
@@ -101,27 +94,18 @@ class PhotographModel:
         self._falloffs: list[Falloff | None] = [None] * len(scene.cameras)
         self._level = np.ones(3)  # factor of all gains, one a channel
         self._looked = (0, 0)  # how often for gains, for falloffs
-        self._by_points = False
-        first = find_first_gains(scene) if light is None and self._mode != "off" else None
-        if first is not None:
-            self._gains_used, self._by_points = True, True
-            self._start_from(first)
         if light is not None:
-            log_gains = np.log(light.gains)
+            train, log_gains = list(scene.train_indices), np.log(light.gains)
             if any(light.falloffs):
-                self._level = np.exp(log_gains[list(scene.train_indices)].mean(axis=0))
-            self._start_from(log_gains - np.log(self._level))
+                self._level = np.exp(log_gains[train].mean(axis=0))
+            self._log_gains[train] = log_gains[train] - np.log(self._level)
+            self._known[train], self._num_known = True, len(train)
+            self._total = self._log_gains.sum(axis=0).tolist()
             self._falloffs = list(light.falloffs)
         self._bases: dict[int, tuple[float, np.ndarray]] = {}
         self._lights: dict[int, np.ndarray] = {}  # see `_find_light_of_parts`
         self._planes: dict[tuple[int, int, int], Any] = {}  # of one level's cameras
         self._parts: dict[tuple[int, int, int], np.ndarray] = {}
-
-    def _start_from(self, log_gains: np.ndarray) -> None:
-        """Starts from log-gains (V, 3) of the training views; those of other views stay zero."""
-        train = list(self._scene.train_indices)
-        self._log_gains[train], self._known[train] = log_gains[train], True
-        self._total, self._num_known = self._log_gains.sum(axis=0).tolist(), len(train)
 
     def observe(
         self,
@@ -139,12 +123,11 @@ class PhotographModel:
             view: whose photograph `target` is.
             image: (H, W, 3) float32, the view as it is rendered now.
         """
-        if self._mode == "off" or (fraction < _FROM and not self._by_points):
+        if self._mode == "off" or fraction < _FROM:
             return
         camera = level.scene.camera(view)
         key = (self._camera_of[view], camera.width, camera.height)
-        if not self._by_points or fraction >= _POINTS_ALONE:
-            self._compare(fraction, key, camera, view, target, image)
+        self._compare(fraction, key, camera, view, target, image)
         falloff = self._falloffs[key[0]]
         if falloff is not None and key not in self._planes:
             self._planes = {k: v for k, v in self._planes.items() if k[0] != key[0]}
@@ -175,8 +158,7 @@ class PhotographModel:
         if not self._gains_used:
             self._before[view] = self._sums[view]
         self._sums[view] = target.light_sums(image, self._parts[key], RINGS * QUADRANTS)
-        if not self._by_points or fraction >= _POINTS_UNTIL:
-            self._learn_gain(view)
+        self._learn_gain(view)
         looked = bisect.bisect(_DECIDED_AT, fraction), bisect.bisect(_FALLOFF_AT, fraction)
         if looked[0] > self._looked[0]:
             self._gains_used = self._gains_used or self.measure_spread() > GAINS_DIFFER
@@ -308,7 +290,7 @@ class PhotographModel:
         for name in _STATE:
             setattr(self, name, copy.copy(state[name]))
         self._falloffs = [Falloff.from_dict(each) for each in state["falloffs"]]
-        self._level = np.array(state.get("level", self._level))  # not in older checkpoints
+        self._level = np.array(state["level"])
         self._lights, self._planes = {}, {}
 
 

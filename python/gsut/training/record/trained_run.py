@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -45,14 +44,11 @@ def open_trained(run: RunFolder, data: str | None) -> tuple[TrainOptions, Scene,
     return *read_scene(run, data), open_ply(run.path / RunFile.SCENE)
 
 
-def read_scene(
-    run: RunFolder, data: str | None, scale: float | None = None
-) -> tuple[TrainOptions, Scene]:
+def read_scene(run: RunFolder, data: str | None) -> tuple[TrainOptions, Scene]:
     """Reads the options of a finished run, and its scene with the poses that it refined.
 
     Args:
         run, data: see `read_trained`.
-        scale: of the images relative to the files; None: as they were trained on.
 
     Raises:
         InputError: the run is not finished, or the dataset is not found or not that of the run.
@@ -78,8 +74,7 @@ def read_scene(
             f"{scene.path} has other {' and '.join(changed)} than {run.path} was trained on; put "
             f"the dataset of the run there, or train again"
         )
-    size = options if scale is None else dataclasses.replace(options, scale=scale, max_side=0)
-    return options, read_refined(run, prepare_scene(scene, size))
+    return options, read_refined(run, prepare_scene(scene, options))
 
 
 def list_changed_data(run: RunFolder, scene: Scene) -> list[str]:

@@ -13,7 +13,7 @@ import numpy as np
 from gsut._core import InputError
 from gsut.check import check_depths
 from gsut.data import Scene
-from gsut.data.scene import find_bad_maps, find_visible_points, read_depth
+from gsut.data.scene import find_bad_depths, find_visible_points, read_depth
 from gsut.run import TrainOptions
 from gsut.surface import Cloud, DepthMap
 
@@ -35,19 +35,20 @@ def anneal(fraction: float) -> float:
 
 
 def check_maps(scene: Scene, options: TrainOptions) -> None:
-    """Raises the InputError of the first depth or normal file that the training would stop at."""
+    """Raises the InputError of the first depth file that the training would stop at."""
     if not options.surface and len(scene.points):
         return  # it starts from points and does not look at files
-    depth = KnownDepth(scene, options.known_depth).source == "files"
-    for error in find_bad_maps(scene, depth, options.surface):
+    if not KnownDepth(scene).by_files:
+        return
+    for error in find_bad_depths(scene):
         raise error
-    if depth and not len(scene.points) and has_z_depths(scene):
+    if not len(scene.points) and has_z_depths(scene):
         raise InputError(
             f"{scene.path}: its depth files agree with each other as z along the camera's axis, "
             "and are read as distances along the ray; write "
             '"depth_along": "z" into transforms.json'
         )
-    for found in check_depths(scene, None) if depth else ():
+    for found in check_depths(scene, None):
         raise InputError(f"{found.where}: {found.what}; {found.advice}")
 
 
@@ -89,15 +90,13 @@ class KnownDepth:
 
     Args:
         scene: at full resolution.
-        source: "points", "files", "off", or "auto": files if training views have them, else
-            points.
+
+    Attributes:
+        by_files: whether training views have depth files; otherwise points give distances.
     """
 
-    def __init__(self, scene: Scene, source: str) -> None:
-        if source == "auto":
-            files = any(scene.views[i].depth_path is not None for i in scene.train_indices)
-            source = "files" if files else "points"
-        self.source = source
+    def __init__(self, scene: Scene) -> None:
+        self.by_files = any(scene.views[i].depth_path is not None for i in scene.train_indices)
         self._seen: dict[int, tuple[np.ndarray, np.ndarray]] = {}
 
     def map(self, scene: Scene, view: int, camera: Any) -> np.ndarray | None:
@@ -111,11 +110,9 @@ class KnownDepth:
         Raises:
             InputError: a depth file is damaged or of another size than the image.
         """
-        if self.source == "off":
-            return None
         if view not in self._seen:
             self._seen[view] = (
-                _read_file(scene, view) if self.source == "files"
+                _read_file(scene, view) if self.by_files
                 else find_visible_points(scene, view, scene.points)
             )  # fmt: skip
         places, distances = self._seen[view]
@@ -129,7 +126,7 @@ class KnownDepth:
 
     def forget(self) -> None:
         """Discards what depends on poses and lenses, which have changed."""
-        if self.source == "points":
+        if not self.by_files:
             self._seen.clear()
 
 

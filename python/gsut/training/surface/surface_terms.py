@@ -15,7 +15,6 @@ from gsut import _core
 from gsut.data import Scene
 from gsut.gaussians import Gaussians
 from gsut.training.surface.known_depth import KnownDepth, anneal
-from gsut.training.surface.known_normals import KnownNormals, add_known_normals
 
 # Distance of the viewpoint of a parallel lens in world units: its rays then agree to rounding.
 _FAR = 1e6
@@ -32,7 +31,6 @@ class SurfaceWeights:
         known: of the relative error of known inverse distances, at the beginning.
         start: fraction of the steps at which the terms begin; they grow over the next tenth.
         size: of the second render, relative to the photographs.
-        known_normal: of 1 - cosine between the Gaussians' normals and the known ones.
         every: steps from one that adds the terms to the next, whose gradients count as often.
     """
 
@@ -42,7 +40,6 @@ class SurfaceWeights:
     known: float = 0.15
     start: float = 0.15
     size: float = 0.5
-    known_normal: float = 0.04
     every: int = 4
 
 
@@ -52,18 +49,16 @@ class SurfaceTerms:
     Args:
         weights: of the terms.
         scene: at full resolution.
-        known: source of known distances, see `KnownDepth`.
 
     Attributes:
-        last_terms: of the last view: normals, distortion, known distances, known normals.
+        last_terms: of the last view: normals, distortion, known distances.
     """
 
-    def __init__(self, weights: SurfaceWeights, scene: Scene, known: str) -> None:
+    def __init__(self, weights: SurfaceWeights, scene: Scene) -> None:
         self.weights, self.extent = weights, scene.extent
-        self.known = KnownDepth(scene, known)
-        self._known_normals = KnownNormals()
+        self.known = KnownDepth(scene)
         self.renderer = _core.Renderer()
-        self.last_terms = [0.0, 0.0, 0.0, 0.0]
+        self.last_terms = [0.0, 0.0, 0.0]
         self._cameras: dict[int, tuple[Any, Any]] = {}
         self._maps: dict[tuple[int, int], list[np.ndarray]] = {}
 
@@ -106,13 +101,7 @@ class SurfaceTerms:
         w = self.weights
         known = share * w.known * anneal((fraction - w.start) / (1 - w.start))
         weights = (share * w.normal, share * w.distortion, known, self.extent)
-        terms = _core.surface_loss(maps, weights, dalpha, ddepth, ddistortion, dimage)
-        given, of_given = self._known_normals.map(scene, view, directions), 0.0
-        if given is not None:
-            of_given = add_known_normals(
-                given, share * w.known_normal, image, alpha, dimage, dalpha
-            )
-        self.last_terms = [*terms, of_given]
+        self.last_terms = _core.surface_loss(maps, weights, dalpha, ddepth, ddistortion, dimage)
         out = normals.make_zeros()
         touched = np.zeros(len(out), np.uint8)
         self.renderer.backward(

@@ -3,7 +3,6 @@
 from gsut.training.tuning.compact_run import (
     CompactOptions,
     RunCompactor,
-    count_for_bytes,
     write_compacted_run,
 )
 from gsut.training.tuning.finetuning import finetune, finetune_options
@@ -14,7 +13,6 @@ __all__ = [
     "VIEWER_STEPS",
     "CompactOptions",
     "RunCompactor",
-    "count_for_bytes",
     "finetune",
     "finetune_options",
     "make_levels",

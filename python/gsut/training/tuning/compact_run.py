@@ -34,42 +34,33 @@ from gsut.training.tuning.finetuning import finetune, finetune_options
 _SEARCH_RATIO = 1.05
 # Smallest share of the Gaussians that is searched: no scene is recognizable below.
 _SEARCH_LEAST = 0.005
-# Bytes of a float in a PLY file.
-_FLOAT_BYTES = 4
-# Floats of a row of a 3DGS PLY without harmonics: position, normal, opacity, scales, rotation.
-_ROW_FLOATS = 14
-# Bytes of the header, more than any that save_ply writes.
-_HEADER_BYTES = 2048
 
 
 @dataclasses.dataclass(frozen=True)
 class CompactOptions:
-    """What to make of a run. Exactly one of keep, target_psnr_drop and target_bytes is set.
+    """What to make of a run. Either keep or target_psnr_drop is set.
 
     Attributes:
         method: see `gsut.compact`.
         keep: fraction of the Gaussians, above 0 and at most 1.
         target_psnr_drop: dB of held-out PSNR (training views if none is held out) that may be lost,
             fine-tuning included; the smallest number that satisfies it is found by bisection.
-        target_bytes: largest size of scene.ply.
         finetune: steps on the photographs afterwards, at a fixed number of Gaussians.
         seed: of the methods that draw.
 
     Raises:
-        InputError: a value is out of range, or not exactly one target is set.
+        InputError: a value is out of range, or both or neither of them are set.
     """
 
     method: str = "ghap"
     keep: float | None = None
     target_psnr_drop: float | None = None
-    target_bytes: int | None = None
     finetune: int = 0
     seed: int = 0
 
     def __post_init__(self) -> None:
-        targets = (self.keep, self.target_psnr_drop, self.target_bytes)
-        if sum(target is not None for target in targets) != 1:
-            raise InputError("give one of --keep, --target-psnr-drop and --target-size")
+        if (self.keep is None) == (self.target_psnr_drop is None):
+            raise InputError("give one of --keep and --target-psnr-drop")
         if self.keep is not None:
             check_keep(self.keep)
         drop = self.target_psnr_drop
@@ -78,22 +69,6 @@ class CompactOptions:
         if self.finetune < 0:
             raise InputError(f"--finetune must be 0 or more steps, found {self.finetune}")
         check_method(self.method, True)
-
-
-def count_for_bytes(gaussians: Gaussians, size: int) -> int:
-    """Returns how many Gaussians of this degree of harmonics fit into a PLY file of `size` bytes.
-
-    Raises:
-        InputError: not even one fits.
-    """
-    row = _FLOAT_BYTES * (_ROW_FLOATS + 3 * gaussians.sh.shape[1])
-    count = (size - _HEADER_BYTES) // row
-    if count < 1:
-        raise InputError(
-            f"--target-size of {size} bytes is too small: a PLY file with one Gaussian of degree "
-            f"{gaussians.sh_degree} needs {_HEADER_BYTES + row}"
-        )
-    return min(len(gaussians), count)
 
 
 class RunCompactor:
@@ -133,8 +108,6 @@ class RunCompactor:
         o = self.options
         if o.keep is not None:
             return self._try(keep=o.keep)
-        if o.target_bytes is not None:
-            return self._try(count=count_for_bytes(self.gaussians, o.target_bytes))
         return self._search()
 
     def _try(self, keep: float | None = None, count: int | None = None) -> Gaussians:

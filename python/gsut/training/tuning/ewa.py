@@ -23,9 +23,6 @@ from gsut.gaussians import (
 from gsut.render import Render, render
 
 _DILATION = 0.3  # px^2: what the screen of every viewer adds
-# PlayCanvas draws (exp(-D^2 / 2) - e) / (1 - e), e = exp(-4), up to D^2 = 8: over the screen less
-# by 4 e / (1 - e) than the whole Gaussian, as is one that is smaller by this factor.
-PLAYCANVAS_SHRINK = float(np.sqrt(1 - 4 * np.exp(-4) / (1 - np.exp(-4))))  # 0.962
 _NEAR = 0.2  # of 3DGS: centres nearer than this along the axis are not drawn
 # Beyond this many times the half field of view the affine map is taken at the edge (3DGS).
 _FIELD = 1.3
@@ -48,8 +45,6 @@ class EwaSplats:
         gaussians: N Gaussians.
         camera: of the model "pinhole".
         camera_from_world: (4, 4).
-        shrink: factor of what is drawn; PlayCanvas' viewers end a Gaussian by taking off what is
-            left of it at the border, which looks like `PLAYCANVAS_SHRINK`.
 
     Attributes:
         discs: N Gaussians that the exact renderer draws as EWA splats of `gaussians`.
@@ -63,9 +58,7 @@ class EwaSplats:
         gaussians: Gaussians,
         camera: _core.Camera,
         camera_from_world: np.ndarray,
-        shrink: float = 1.0,
     ) -> None:
-        self._log_shrink = np.log(shrink)
         focal = camera.params[0]
         if camera.model != "pinhole" or abs(camera.params[1] - focal) > 1e-6 * focal:
             raise InputError("EWA splats need a pinhole camera with square pixels")
@@ -105,7 +98,7 @@ class EwaSplats:
         quats = multiply_quaternions(world, np.stack([c, zero, zero, s], axis=1))
         # Its derivative by the angle.
         self._tangent = multiply_quaternions(world, np.stack([-s, zero, zero, c], axis=1) / 2)
-        logs = 0.5 * np.log(np.stack([self._large, self._small], axis=1)) + self._log_shrink
+        logs = 0.5 * np.log(np.stack([self._large, self._small], axis=1))
         thin = logs[:, 1:] + np.log(_THICKNESS)
         g = self._g
         self.discs = Gaussians(
@@ -155,12 +148,11 @@ def render_ewa(
     camera_from_world: np.ndarray,
     *,
     background: Sequence[float] = (0.0, 0.0, 0.0),
-    shrink: float = 1.0,
     dtype: str = "float32",
 ) -> Render:
     """Renders the picture that viewers draw of Gaussians, see `EwaSplats` and `render`."""
     g = gaussians.to_dtype(np.dtype(dtype))
-    discs = EwaSplats(g, camera, camera_from_world, shrink).discs
+    discs = EwaSplats(g, camera, camera_from_world).discs
     rule = make_viewer_rule()
     return render(discs, camera, camera_from_world, background=background, blend=rule, dtype=dtype)
 

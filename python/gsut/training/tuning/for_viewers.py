@@ -17,7 +17,8 @@ from gsut.metrics import psnr
 from gsut.optimize import GaussianOptimizer, LearningRates, choose_view
 from gsut.render import render
 from gsut.training.first import center_on_cameras
-from gsut.training.tuning.ewa import PLAYCANVAS_SHRINK, EwaSplats, make_viewer_rule, render_ewa
+from gsut.training.loop import SSIM_WEIGHT
+from gsut.training.tuning.ewa import EwaSplats, make_viewer_rule, render_ewa
 
 # Steps of the fine-tune by default; more gain little.
 VIEWER_STEPS = 300
@@ -42,8 +43,6 @@ _RATES = {
 _FINAL_FACTOR = 0.1
 # Of fields of view, windows and turns.
 _SEED = 0
-# Weight of 1 - SSIM in the loss, as published for 3DGS.
-_SSIM_WEIGHT = 0.2
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,7 +67,6 @@ def tune_for_viewers(
     steps: int = VIEWER_STEPS,
     *,
     background: Sequence[float] = (0.0, 0.0, 0.0),
-    for_playcanvas: bool = False,
     on_step: Callable[[int, float], object] = lambda step, loss: None,
 ) -> ForViewers:
     """Fine-tunes Gaussians for EWA splatting with the screen's widening of 0.3 pixels squared.
@@ -81,7 +79,6 @@ def tune_for_viewers(
         gaussians: trained, of the same world.
         steps: of one picture each.
         background: colour behind everything.
-        for_playcanvas: for PlayCanvas' viewers, whose splats are a little smaller.
         on_step: called after each step with its number and loss.
 
     Returns:
@@ -108,7 +105,6 @@ def tune_for_viewers(
         seed=_SEED,
     )
     renderer, rule = _core.Renderer(), make_viewer_rule()
-    shrink = PLAYCANVAS_SHRINK if for_playcanvas else 1.0
     extent = scene.extent
     for step in range(1, steps + 1):
         view = choose_view(scene.train_indices, step, _SEED)
@@ -116,14 +112,14 @@ def tune_for_viewers(
         camera = _draw_window(rng)
         pose = _turn_pose(rng, scene, view)
         truth = render(teacher, camera, pose, background=background).image
-        splats = EwaSplats(optimizer.gaussians, camera, pose, shrink=shrink)
+        splats = EwaSplats(optimizer.gaussians, camera, pose)
         image = np.zeros_like(truth)
         job = _core.RenderJob(
             camera, pose, rule=rule, background=tuple(background), sh_degree=teacher.sh_degree
         )
         renderer.render(splats.discs, job, image)
         loss, dimage = _core.photometric_loss(
-            _core.PhotometricTarget(truth), image, None, _SSIM_WEIGHT
+            _core.PhotometricTarget(truth), image, None, SSIM_WEIGHT
         )
         gradients = splats.discs.make_zeros()
         touched = np.zeros(len(teacher), np.uint8)
@@ -132,7 +128,7 @@ def tune_for_viewers(
         optimizer.step(gradients, _lower_rates(step / steps, extent), touched)
         on_step(step, float(loss))
     tuned = optimizer.gaussians.copy()
-    before, after = _compare_candidates(scene, teacher, (teacher, tuned), background, shrink)
+    before, after = _compare_candidates(scene, teacher, (teacher, tuned), background)
     return ForViewers(tuned.translate(shift), before, after)
 
 
@@ -177,7 +173,6 @@ def _compare_candidates(
     teacher: Gaussians,
     candidates: Sequence[Gaussians],
     background: Sequence[float],
-    shrink: float,
 ) -> list[float]:
     """Returns the mean PSNR of each candidate's EWA pictures against the teacher's exact ones."""
     rows = list(scene.test_indices or scene.train_indices)
@@ -190,8 +185,6 @@ def _compare_candidates(
             camera = _make_pinhole(float(field), _SCREEN, (0, 0))
             truth = np.clip(render(teacher, camera, pose, background=background).image, 0, 1)
             for i, gaussians in enumerate(candidates):
-                image = render_ewa(
-                    gaussians, camera, pose, background=background, shrink=shrink
-                ).image
+                image = render_ewa(gaussians, camera, pose, background=background).image
                 sums[i] += psnr(truth, np.clip(image, 0, 1))
     return [float(total) / (len(rows) * len(fields)) for total in sums]
