@@ -24,6 +24,7 @@ from gsut import formats
 from gsut.cli import main
 from gsut.lens import convert_camera
 from lab.demo_tracer import make_demo_rig
+from lens_cases import FOREIGN_FILES
 from random_scenes import pinhole
 
 STEPS = "20"
@@ -37,8 +38,7 @@ RIG = "".join(
     )
 )  # fmt: skip
 LENSES = ("gsut.lens.json", "opencv.yaml", "opencv.json", "camchain.yaml", "cameras.txt",
-          "cameras.bin", "transforms.json", "aria.json", "matlab.json", "camera_models.json",
-          "calibration.xml", "lens.cameramodel", "calib_results.txt")  # fmt: skip
+          "cameras.bin", "transforms.json", "lens.cameramodel", "calib_results.txt")  # fmt: skip
 SCENES = ("a.ply", "b.compressed.ply", "c.spz", "d.sog", "e.glb", "f.splat")
 
 
@@ -87,6 +87,8 @@ def write_lenses(folder: Path) -> None:
                 gsut.save_camera(camera, folder / name)
                 break
         assert (folder / name).is_file(), name
+    for name, text in FOREIGN_FILES.items():
+        (folder / name).write_text(text)
 
 
 def write_tables(folder: Path) -> None:

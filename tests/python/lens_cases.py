@@ -1,5 +1,7 @@
 """The lenses that the camera tests loop over, and the points they look at."""
 
+import json
+
 import numpy as np
 
 from gsut import _core
@@ -95,3 +97,27 @@ def examples(*models: str) -> list[Camera]:
         for model in models
         for _, params, width, height in _core.camera_examples(model)
     ]
+
+
+# Lens files that gsut reads and does not write: 128 x 96, fx 90, fy 91.25, k1 0.25.
+FOREIGN_FILES = {
+    name: json.dumps(values, indent=1)
+    for name, values in {
+        "aria.json": {"cameras": {"camera-rgb": {
+            "model": "KANNALA_BRANDT_K3", "size": [128, 96],
+            "params": [90.0, 91.25, 63.5, 47.5, 0.25, 0.0, 0.0, 0.0],
+        }}},
+        "matlab.json": {
+            "ImageSize": [96, 128], "FocalLength": [90.0, 91.25], "PrincipalPoint": [64.5, 48.5],
+            "RadialDistortion": [0.25, 0.0, 0.0], "TangentialDistortion": [0.0, 0.0], "Skew": 0.0,
+        },
+        "camera_models.json": {"camera": {
+            "projection_type": "brown", "width": 128, "height": 96, "focal_x": 90 / 128,
+            "focal_y": 91.25 / 128, "c_x": 0.0, "c_y": 0.0, "k1": 0.25, "k2": 0.0,
+        }},
+    }.items()
+} | {
+    "calibration.xml": "<calibration>\n <projection>frame</projection>\n <width>128</width>\n"
+    " <height>96</height>\n <f>91.25</f>\n <b1>-1.25</b1>\n <cx>0.0</cx>\n <cy>0.0</cy>\n"
+    " <k1>0.25</k1>\n</calibration>\n"
+}  # fmt: skip

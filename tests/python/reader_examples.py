@@ -47,6 +47,7 @@ from gsut.sfm.report.output import read_figures
 from gsut.sfm.world import read_positions
 from gsut.sfm.world.control_file import read_control
 from gsut.surface import Mesh, load_mesh, save_mesh
+from lens_cases import FOREIGN_FILES
 
 LENS = gsut.Camera("kannala_brandt", [90, 91, 64, 48, 0.01, 0, 0, 0], 128, 96)
 BARREL = gsut.Camera("opencv5", [90, 91, 64, 48, -0.1, 0.02, 1e-3, -1e-3, 0], 128, 96)
@@ -238,12 +239,17 @@ EXAMPLES: dict[str, Make] = {
     # More files of these readers.
     **{
         name: write_by(name, lambda file: gsut.save_camera(LENS, file), gsut.load_camera)
-        for name in ("camchain.yaml", "cameras.txt", "gsut.lens.json", "opencv.json", "aria.json",
-                     "transforms.json", "camera_models.json")
+        for name in ("camchain.yaml", "cameras.txt", "gsut.lens.json", "opencv.json",
+                     "transforms.json")
     },
+    "lens.cameramodel": write_by(
+        "lens.cameramodel", lambda file: gsut.save_camera(BARREL, file), gsut.load_camera
+    ),
     **{
-        name: write_by(name, lambda file: gsut.save_camera(BARREL, file), gsut.load_camera)
-        for name in ("lens.cameramodel", "matlab.json", "calibration.xml")
+        name: write_by(
+            name, lambda file: file.write_text(FOREIGN_FILES[file.name]), gsut.load_camera
+        )
+        for name in FOREIGN_FILES
     },
     "table.csv": write_by("table.csv", write_table, gsut.load_camera),
     "table.npz": write_by("table.npz", write_arrays, gsut.load_camera),

@@ -25,15 +25,12 @@ WAYS = [
     for each in list_formats()
     for pattern in each.names
 ]
-# Written as a model that holds them and has other parameters: compared by their rays only.
-WIDER = {"matlab": {"pinhole", "opencv4"}, "opensfm": {"pinhole", "opencv4"}}
-WIDER["metashape"] = set(camera_models())
 # Fisheye files other than gsut's own have four coefficients, exactly.
 MAX_FISHEYE_PARAMS = 8
 FISHEYE = Camera("kannala_brandt", [300, 310, 320.25, 240.75, 0.01, -0.02, 0.003, -4e-05], 640, 480)
 
 
-def assert_same_lens(found: Camera, expected: Camera, wider: bool = False) -> None:
+def assert_same_lens(found: Camera, expected: Camera) -> None:
     """The same lens; trailing coefficients that are zero may have come or gone."""
     assert (found.width, found.height) == (expected.width, expected.height)
     if expected.model == "unified" != found.model:  # the extended model with beta 1
@@ -41,8 +38,7 @@ def assert_same_lens(found: Camera, expected: Camera, wider: bool = False) -> No
         found = Camera("unified", found.params[:5], found.width, found.height)
     longest = max(len(found.params), len(expected.params))
     padded = [np.pad(lens.params, (0, longest - len(lens.params))) for lens in (found, expected)]
-    if not wider:
-        np.testing.assert_allclose(*padded, rtol=0, atol=tol.LENS_FILE_PARAMS)
+    np.testing.assert_allclose(*padded, rtol=0, atol=tol.LENS_FILE_PARAMS)
     pixels = np.array([[0.5, 0.5], [expected.width / 2, expected.height / 3]])
     rays, valid = expected.unproject(pixels)
     again, valid_again = found.unproject(pixels)
@@ -51,8 +47,7 @@ def assert_same_lens(found: Camera, expected: Camera, wider: bool = False) -> No
 
 
 def test_known_programs_have_a_format():
-    names = {"mrcal", "opencv", "kalibr", "nerfstudio", "colmap", "colmap-binary", "aria", "gsut"}
-    names |= {"matlab", "metashape", "ocam", "opensfm"}
+    names = {"mrcal", "opencv", "kalibr", "nerfstudio", "colmap", "colmap-binary", "gsut", "ocam"}
     assert {param.values[0].name for param in WAYS} >= names
 
 
@@ -64,22 +59,19 @@ def test_saved_camera_reads_back_or_is_refused(lens_format, name, tmp_path):
     for camera in all_lenses():
         too_long = camera.model == "kannala_brandt" and len(camera.params) > MAX_FISHEYE_PARAMS
         skewed = kind == "kalibr" and camera.model == "mei" and camera.params[4] != 0.0
-        two_focals = kind == "aria" and camera.model == "fisheye624" and np.ptp(camera.params[:2])
         if kind == "gsut":
             too_long = False
-        four_radial = kind == "matlab" and camera.model == "brown_conrady" and camera.params[8]
         three_radial = kind == "kalibr" and camera.model == "opencv5" and camera.params[8] != 0.0
-        refused_too = skewed or two_focals or four_radial or three_radial
-        if camera.model not in models or too_long or refused_too:
+        if camera.model not in models or too_long or skewed or three_radial:
             with pytest.raises(InputError, match=camera.model):
                 save_camera(camera, path)
             refused += 1
             continue
         save_camera(camera, path)
-        assert_same_lens(load_camera(path), camera, camera.model in WIDER.get(kind, ()))
+        assert_same_lens(load_camera(path), camera)
         path.unlink()
         saved += 1
-    fewest = {"aria": 4, "ocam": 2, "gsut": len(all_lenses())}
+    fewest = {"ocam": 2, "gsut": len(all_lenses())}
     assert saved >= fewest.get(kind, 7) and saved + refused == len(all_lenses())
     assert os.listdir(tmp_path) == []
 
@@ -358,8 +350,8 @@ def test_nerfstudio_panorama_needs_its_size_only():
     assert camera == Camera("equirectangular", [], 64, 32)
 
 
-def test_aria_calibrations_are_read_and_written_again(shared, tmp_path):
-    read, out = 0, tmp_path / "aria.json"
+def test_aria_calibrations_are_read(shared):
+    read = 0
     for path in sorted((shared / "data" / "lenses" / "aria").glob("*/calibration.json")):
         for label, entry in json.loads(path.read_text())["cameras"].items():
             camera = load_camera(path, camera_id=label)
@@ -369,11 +361,6 @@ def test_aria_calibrations_are_read_and_written_again(shared, tmp_path):
             np.testing.assert_array_equal(camera.params[2:4], np.array(entry["params"][1:3]) + 0.5)
             assert camera.valid_field_angle == entry["max_solid_angle"]
             assert 0.98 * entry["max_solid_angle"] < camera.max_angle <= entry["max_solid_angle"]
-            save_camera(camera, out)
-            (found,) = json.loads(out.read_text())["cameras"].values()
-            assert (found["model"], found["size"]) == ("FISHEYE624", entry["size"])
-            np.testing.assert_allclose(found["params"], entry["params"], atol=tol.LENS_FILE_PARAMS)
-            assert found["max_solid_angle"] == entry["max_solid_angle"]
             read += 1
         with pytest.raises(InputError, match="give camera_id, one of"):
             load_camera(path)

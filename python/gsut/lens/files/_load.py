@@ -7,6 +7,7 @@ import os
 from pathlib import Path
 
 from gsut._core import CalibrationError, InputError
+from gsut.bounds import names_wrong_kinds
 from gsut.files import read_bytes, reading, register_reader, write_file
 from gsut.lens.camera import Camera
 from gsut.lens.files._format import LensFile, LensFormat, list_formats, make_lens_error
@@ -32,8 +33,7 @@ def load_camera(path: _Path, camera_id: int | str | None = None) -> Camera:
     Args:
         path: the file.
         camera_id: which camera, for a file with several: COLMAP's number, Kalibr's "cam0", the
-            label of Aria or Metashape, the name of OpenSfM; of OCamCalib "inverse", the lens of
-            its inverse polynomial.
+            label of Aria or Metashape, the name of OpenSfM.
 
     Returns:
         The camera. The valid field angle is set where the file states one.
@@ -77,6 +77,7 @@ def list_suffixes() -> tuple[str, ...]:
     return tuple(sorted({suffix for each in list_formats() for suffix in each.suffixes}))
 
 
+@names_wrong_kinds
 def save_camera(camera: Camera, path: _Path, format: str | None = None) -> None:
     """Writes a lens to a file that `load_camera` reads.
 
@@ -88,11 +89,10 @@ def save_camera(camera: Camera, path: _Path, format: str | None = None) -> None:
         camera: the lens.
         path: a file; its name chooses the format: *.cameramodel (mrcal), *camchain*.yaml (Kalibr),
             *.lens.json (gsut, which holds every lens), other *.yaml or *.yml and *.json (OpenCV),
-            transforms*.json (nerfstudio), *aria*.json (Project Aria), *matlab*.json (MATLAB),
-            *camera_models*.json (OpenSfM), *calib_results*.txt (OCamCalib), other *.txt and *.bin
-            (COLMAP), *.xml (Metashape).
-        format: "mrcal", "gsut", "opencv", "kalibr", "nerfstudio", "aria", "matlab", "opensfm",
-            "ocam", "metashape", "colmap" or "colmap-binary", to choose it by hand.
+            transforms*.json (nerfstudio), *calib_results*.txt (OCamCalib), other *.txt and *.bin
+            (COLMAP).
+        format: "mrcal", "gsut", "opencv", "kalibr", "nerfstudio", "ocam", "colmap" or
+            "colmap-binary", to choose it by hand.
 
     Raises:
         InputError: the format cannot hold this lens, or is unknown.

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import json
-from typing import Any
-
-from gsut._core import CalibrationError, InputError
+from gsut._core import CalibrationError
 from gsut.lens.camera import Camera
 from gsut.lens.files._format import KEYED, LensFile, LensFormat
-from gsut.lens.files._values import LensValues, choose_name, refuse_lens, skip_to
+from gsut.lens.files._values import LensValues, choose_name, skip_to
 
 _PIXEL_SHIFT = 0.5  # pixels: Aria's pixel (0, 0) is gsut's (0.5, 0.5)
 # gsut's lens, the number of parameters, and how many of them are focal lengths.
@@ -52,35 +49,6 @@ def read_aria(file: LensFile, camera_id: int | str | None) -> Camera:
     return reader.make_camera(lens, params, *size, limit, "params")
 
 
-def format_aria(camera: Camera, label: str = "camera-rgb") -> str:
-    """Formats a calibration of one camera, with its largest angle.
-
-    Raises:
-        InputError: Aria has no such lens: fisheye624 with one focal length, kannala_brandt with
-            four coefficients or fewer, or pinhole.
-    """
-    params = [float(value) for value in camera.params]
-    names = [name for name, (lens, _, _) in _MODELS.items() if lens == camera.model]
-    _, count, num_focal = _MODELS[names[0]] if names else ("", 0, 0)
-    if not names or len(params) - 2 + num_focal > count:
-        raise refuse_lens("Project Aria", camera)
-    if num_focal == 1 and params[0] != params[1]:
-        raise InputError(
-            f"Project Aria's {names[0]} has one focal length, and this '{camera.model}' has two:"
-            f" {params[0]} and {params[1]}"
-        )
-    centre = [value - _PIXEL_SHIFT for value in params[2:4]]
-    values = [*params[:num_focal], *centre, *params[4:]]
-    entry: dict[str, Any] = {
-        "model": names[0],
-        "params": values + [0.0] * (count - len(values)),
-        "size": [camera.width, camera.height],
-    }
-    if camera.valid_field_angle is not None:
-        entry["max_solid_angle"] = camera.valid_field_angle
-    return json.dumps({"cameras": {label: entry}}, indent=2) + "\n"
-
-
 FORMAT = LensFormat(
     "aria",
     "Project Aria",
@@ -89,8 +57,5 @@ FORMAT = LensFormat(
     is_aria,
     marks="cameras",
     rank=10,
-    write=lambda camera, suffix: format_aria(camera),
-    names=("*aria*.json",),
-    models="fisheye624 kannala_brandt pinhole",
     has_ids=True,
 )

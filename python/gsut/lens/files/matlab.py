@@ -5,12 +5,11 @@ A .mat file holds these objects in a form that only MATLAB reads.
 
 from __future__ import annotations
 
-import json
 from typing import Any
 
 from gsut.lens.camera import Camera
 from gsut.lens.files._format import KEYED, LensFile, LensFormat
-from gsut.lens.files._values import LensValues, refuse_lens
+from gsut.lens.files._values import LensValues
 
 _PIXEL_SHIFT = -0.5  # pixels: MATLAB's pixel (1, 1) is gsut's (0.5, 0.5)
 
@@ -63,31 +62,6 @@ def read_matlab(file: LensFile, camera_id: int | str | None) -> Camera:
     return reader.make_camera("opencv5", params, width, height, keys=keys)
 
 
-def format_matlab(camera: Camera) -> str:
-    """Formats JSON with the arguments of fisheyeIntrinsics or cameraIntrinsics."""
-    p = [float(value) for value in camera.params]
-    values: dict[str, Any] = {"ImageSize": [camera.height, camera.width]}
-    if camera.model == "ocam" and len(p) <= 9:
-        values["MappingCoefficients"] = p[5:] + [0.0] * (9 - len(p))
-        values["DistortionCenter"] = [p[0] - _PIXEL_SHIFT, p[1] - _PIXEL_SHIFT]
-        values["StretchMatrix"] = [[p[2], p[3]], [p[4], 1.0]]
-        return json.dumps(values, indent=1) + "\n"
-    coefficients = {
-        "pinhole": ([0.0, 0.0, 0.0], [0.0, 0.0], 0.0),
-        "opencv4": ([*p[4:6], 0.0], p[6:8], 0.0),
-        "opencv5": ([*p[4:6], *p[8:9]], p[6:8], 0.0),
-        "brown_conrady": (p[5:8], p[9:11], p[4] if len(p) > 4 else 0.0),
-    }
-    known = camera.model in coefficients and not (camera.model == "brown_conrady" and p[8] != 0.0)
-    if not known:
-        raise refuse_lens("MATLAB", camera)
-    radial, tangential, skew = coefficients[camera.model]
-    values["FocalLength"] = p[:2]
-    values["PrincipalPoint"] = [value - _PIXEL_SHIFT for value in p[2:4]]
-    values.update(RadialDistortion=radial, TangentialDistortion=tangential, Skew=skew)
-    return json.dumps(values, indent=1) + "\n"
-
-
 FORMAT = LensFormat(
     "matlab",
     "MATLAB",
@@ -96,7 +70,4 @@ FORMAT = LensFormat(
     is_matlab,
     marks="MappingCoefficients or FocalLength",
     rank=50,
-    write=lambda camera, suffix: format_matlab(camera),
-    names=("*matlab*.json",),
-    models="brown_conrady ocam opencv4 opencv5 pinhole",
 )

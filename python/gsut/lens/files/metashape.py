@@ -7,7 +7,7 @@ import xml.etree.ElementTree as ElementTree
 from gsut._core import CalibrationError, InputError
 from gsut.lens.camera import Camera
 from gsut.lens.files._format import LensFile, LensFormat, is_opencv_xml
-from gsut.lens.files._values import LensValues, refuse_lens
+from gsut.lens.files._values import LensValues
 
 # Lens of each projection; both pixel conventions put the first pixel's centre at (0.5, 0.5), and
 # cx, cy count from the middle of the image. b1 adds to the focal length across, b2 is the skew.
@@ -92,38 +92,6 @@ def _read_calibration(calibration: ElementTree.Element, source: str, text: str) 
     return reader.make_camera(_LENSES[projection], params + coefficients, *size, keys=keys)
 
 
-def format_metashape(camera: Camera) -> str:
-    """Formats a <calibration> with this camera."""
-    p = [float(value) for value in camera.params]
-    if camera.model == "equirectangular":
-        fields = [("projection", _SPHERE), ("width", camera.width), ("height", camera.height)]
-        return _format_xml(fields)
-    names = {lens: projection for projection, lens in _LENSES.items()}
-    brown = {
-        "pinhole": ("brown_conrady", [0.0] * 6),
-        "opencv4": ("brown_conrady", [*p[4:6], 0.0, 0.0, *p[6:8]]),
-        "opencv5": ("brown_conrady", [*p[4:6], *p[8:9], 0.0, *p[6:8]]),
-        "kannala_brandt": ("brown_fisheye", [*(p[4:] + [0.0] * 4)[:4], 0.0, 0.0]),
-        "brown_conrady": ("brown_conrady", p[5:]),
-        "brown_fisheye": ("brown_fisheye", p[5:]),
-    }
-    if camera.model not in brown or (camera.model == "kannala_brandt" and len(p) > 8):
-        raise refuse_lens("Metashape", camera)
-    lens, coefficients = brown[camera.model]
-    skew = p[4] if camera.model == lens else 0.0
-    fields = [
-        ("projection", names[lens]), ("width", camera.width), ("height", camera.height),
-        ("f", p[1]), ("cx", p[2] - 0.5 * camera.width), ("cy", p[3] - 0.5 * camera.height),
-        ("b1", p[0] - p[1]), ("b2", skew), *zip(_COEFFICIENTS, coefficients, strict=True),
-    ]  # fmt: skip
-    return _format_xml(fields)
-
-
-def _format_xml(fields: list[tuple[str, object]]) -> str:
-    lines = "".join(f"  <{name}>{value}</{name}>\n" for name, value in fields)
-    return f'<?xml version="1.0" encoding="UTF-8"?>\n<calibration>\n{lines}</calibration>\n'
-
-
 FORMAT = LensFormat(
     "metashape",
     "Metashape",
@@ -131,8 +99,5 @@ FORMAT = LensFormat(
     read_metashape,
     lambda file: not is_opencv_xml(file),
     marks="<calibration>",
-    write=lambda camera, suffix: format_metashape(camera),
-    names=("*.xml",),
-    models="brown_conrady brown_fisheye equirectangular kannala_brandt opencv4 opencv5 pinhole",
     has_ids=True,
 )

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import json
-from typing import Any
 
 from gsut.lens.camera import Camera
 from gsut.lens.files._format import KEYED, LensFile, LensFormat
-from gsut.lens.files._values import LensValues, choose_name, refuse_lens, skip_to
+from gsut.lens.files._values import LensValues, choose_name, skip_to
 
 # gsut's lens and the names of its coefficients, "" for one that is 0, by projection_type.
 _LENSES = {
@@ -24,11 +23,6 @@ _LENSES = {
     ),
 }
 _SPHERES = ("spherical", "equirectangular")
-# What is written for each of gsut's lenses.
-_WRITTEN = {
-    "opencv5": "brown", "kannala_brandt": "fisheye_opencv", "fisheye624": "fisheye624",
-    "opencv4": "brown", "pinhole": "brown",
-}  # fmt: skip
 _TYPE_KEY = "projection_type"
 
 
@@ -66,26 +60,6 @@ def read_opensfm(file: LensFile, camera_id: int | str | None) -> Camera:
     return reader.make_camera(lens, params, width, height, keys=[*focal_keys, "c_x", "c_y", *keys])
 
 
-def format_opensfm(camera: Camera) -> str:
-    """Formats a camera_models.json with this camera."""
-    width, height = camera.width, camera.height
-    entry: dict[str, Any] = {_TYPE_KEY: _SPHERES[0], "width": width, "height": height}
-    if camera.model != "equirectangular":
-        kind = _WRITTEN.get(camera.model, "")
-        keys = _LENSES[kind][1] if kind else ()
-        fx, fy, cx, cy = (float(value) for value in camera.params[:4]) if kind else (0.0,) * 4
-        coefficients = [float(value) for value in camera.params[4:]]
-        if not kind or len(coefficients) > len(keys):
-            raise refuse_lens("OpenSfM", camera)
-        coefficients += [0.0] * (len(keys) - len(coefficients))
-        unit = max(width, height)
-        entry[_TYPE_KEY] = kind
-        entry |= {"focal_x": fx / unit, "focal_y": fy / unit}
-        entry |= {"c_x": (cx - 0.5 * width) / unit, "c_y": (cy - 0.5 * height) / unit}
-        entry |= {key: value for key, value in zip(keys, coefficients, strict=True) if key}
-    return json.dumps({"camera": entry}, indent=1) + "\n"
-
-
 FORMAT = LensFormat(
     "opensfm",
     "OpenSfM",
@@ -94,8 +68,5 @@ FORMAT = LensFormat(
     is_opensfm,
     marks="projection_type",
     rank=60,
-    write=lambda camera, suffix: format_opensfm(camera),
-    names=("*camera_models*.json",),
-    models="equirectangular fisheye624 kannala_brandt opencv4 opencv5 pinhole",
     has_ids=True,
 )
