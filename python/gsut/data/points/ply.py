@@ -15,7 +15,8 @@ from gsut.data.points.las import load_points_las
 NO_COLOR = 128  # of points without one
 _AXES = ("x", "y", "z")
 _COLORS = ("red", "green", "blue")
-_BYTE, _WORD = 255.0, 65535.0
+_BYTE = 255.0  # full brightness of 8 bits
+_WORD = 65535.0  # full brightness of 16 bits
 _OVEREXPOSED = 2.0  # floating-point colours of up to that are of 0 to 1
 
 
