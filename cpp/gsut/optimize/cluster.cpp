@@ -162,8 +162,8 @@ double CostOfMerging(const Cluster& a, const Cluster& b, const MergeOptions& opt
     square += difference * difference;
   }
   double cost = weight_a * (weight_b / weight) * kInverseSphere * square;
-  // Shape: relative to what both show, so times how much they are seen. Colours are not needed here,
-  // and leaving them out of the trial merge saves most of its time.
+  // Shape: relative to what both show, so times how much they are seen. Colours are not needed
+  // here, and leaving them out of the trial merge saves most of its time.
   if (options.field_weight > 0.0) {
     cost += options.field_weight * weight * FieldDifference(a, b, Merge(a, b, false));
   }
