@@ -37,8 +37,8 @@ def show(value: Any) -> str:
     return " ".join(str(value).split())[:80]
 
 
-def names_wrong_kinds(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Wraps a public function so that its errors name an argument of a wrong kind.
+def name_wrong_kinds(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Makes a public function's errors name an argument of a wrong kind.
 
     Where Python's own error comes from inside, the arguments are compared with the annotations;
     an error that has another reason stays.
@@ -54,7 +54,7 @@ def names_wrong_kinds(function: Callable[_P, _R]) -> Callable[_P, _R]:
             known.append(collections.defaultdict(lambda: Any))
             hints = typing.get_type_hints(function, localns=collections.ChainMap(*known))
             for name, value in inspect.signature(function).bind(*given, **named).arguments.items():
-                if name in hints and not _fits(value, hints[name]):
+                if name in hints and not _is_of_kind(value, hints[name]):
                     raise InputError(
                         f"{name} must be {_describe(hints[name])}, found {show(value)} "
                         f"({type(value).__name__})"
@@ -64,13 +64,13 @@ def names_wrong_kinds(function: Callable[_P, _R]) -> Callable[_P, _R]:
     return call
 
 
-def _fits(value: Any, hint: Any) -> bool:
+def _is_of_kind(value: Any, hint: Any) -> bool:
     """Returns whether a value is of an annotation's kind; True where that cannot be seen."""
     if hint is Any:  # a class from Python 3.11 on
         return True
     origin, parts = typing.get_origin(hint) or hint, typing.get_args(hint)
     if origin in (typing.Union, types.UnionType):
-        return any(_fits(value, part) for part in parts)
+        return any(_is_of_kind(value, part) for part in parts)
     if origin is np.ndarray:
         try:
             array = np.asarray(value)
@@ -85,7 +85,7 @@ def _fits(value: Any, hint: Any) -> bool:
         return isinstance(value, origin)
     is_listed = isinstance(value, (collections.abc.Sequence, np.ndarray))
     is_listed = is_listed and not isinstance(value, (str, bytes))
-    return is_listed and all(_fits(each, parts[0]) for each in value)
+    return is_listed and all(_is_of_kind(each, parts[0]) for each in value)
 
 
 def _describe(hint: Any) -> str:

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from gsut._core import InputError
-from gsut.bounds import check_number, names_wrong_kinds, show
+from gsut.bounds import check_number, name_wrong_kinds, show
 from gsut.compact.method import METHODS, find_method
 from gsut.compact.scores import SeenView
 from gsut.gaussians import Gaussians
@@ -29,7 +29,7 @@ class Compaction:
     dropped: int
 
 
-@names_wrong_kinds
+@name_wrong_kinds
 def compact(
     gaussians: Gaussians,
     keep: float | None = None,

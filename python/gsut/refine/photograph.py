@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import InputError, Shutter
-from gsut.bounds import names_wrong_kinds
+from gsut.bounds import name_wrong_kinds
 from gsut.data import Scene
 from gsut.data.images import decode_image, decode_mask, shrink_image, shrink_mask
 from gsut.gaussians import Gaussians
@@ -22,7 +22,7 @@ _SMALLEST_SIDE = 24
 _Photograph = str | os.PathLike[str] | np.ndarray
 
 
-@names_wrong_kinds
+@name_wrong_kinds
 def localize(
     image: _Photograph,
     scene: Scene,

@@ -9,7 +9,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.bounds import names_wrong_kinds
+from gsut.bounds import name_wrong_kinds
 from gsut.files import claim_name, write_file
 from gsut.orientation import add_orientation
 
@@ -27,7 +27,7 @@ def to_uint8(image: np.ndarray) -> np.ndarray:
     return np.rint(inside * 255.0).astype(np.uint8)
 
 
-@names_wrong_kinds
+@name_wrong_kinds
 def write_png(path: Path, image: np.ndarray, turns: int = 0) -> None:
     """Writes a picture as PNG.
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import BlendRule, InputError
-from gsut.bounds import check_number, names_wrong_kinds
+from gsut.bounds import check_number, name_wrong_kinds
 from gsut.gaussians import Gaussians, LinearGaussians, StoredGaussians
 from gsut.render.arguments import (
     read_background,
@@ -133,7 +133,7 @@ class Gradients:
         return f"Gradients(to {self.gaussians}{touched}{', lens' if self.lens is not None else ''})"
 
 
-@names_wrong_kinds
+@name_wrong_kinds
 def render(
     gaussians: Gaussians | LinearGaussians | StoredGaussians,
     camera: _core.Camera,
@@ -281,7 +281,7 @@ def _read_gradient(values: np.ndarray, name: str, dtype: np.dtype) -> np.ndarray
     return np.ascontiguousarray(_core.read_array(values, name), dtype=dtype)
 
 
-@names_wrong_kinds
+@name_wrong_kinds
 def render_backward(
     result: Render,
     dimage: np.ndarray,

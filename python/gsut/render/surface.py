@@ -9,7 +9,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.bounds import names_wrong_kinds
+from gsut.bounds import name_wrong_kinds
 from gsut.gaussians import Gaussians, StoredGaussians
 from gsut.render.renderer import Render
 
@@ -36,7 +36,7 @@ class Surface:
     spread: np.ndarray
 
 
-@names_wrong_kinds
+@name_wrong_kinds
 def render_surface(result: Render) -> Surface:
     """Computes depth of several kinds, normals and the spread of a render.
 

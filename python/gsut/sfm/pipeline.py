@@ -11,7 +11,7 @@ from typing import Any
 
 from gsut import _core
 from gsut._core import Shutter
-from gsut.bounds import names_wrong_kinds
+from gsut.bounds import name_wrong_kinds
 from gsut.data.images import read_header
 from gsut.data.rigs import Rig
 from gsut.data.scene import capture_state
@@ -88,7 +88,7 @@ class PosesResult:
         return f"PosesResult({str(self.path)!r}, {images})"
 
 
-@names_wrong_kinds
+@name_wrong_kinds
 def find_poses(
     images: str | os.PathLike[str],
     out: str | os.PathLike[str],

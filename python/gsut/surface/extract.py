@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import CameraMotion, InputError
-from gsut.bounds import check_number, names_wrong_kinds
+from gsut.bounds import check_number, name_wrong_kinds
 from gsut.data import Scene
 from gsut.data.poses import find_centers
 from gsut.render import render, render_surface, to_uint8
@@ -83,7 +83,7 @@ OnProgress = Callable[[str, int, int], None]
 def ignore_progress(stage: str, done: int, total: int) -> None: ...
 
 
-@names_wrong_kinds
+@name_wrong_kinds
 def extract_mesh(
     gaussians: Any,
     scene: Scene,
