@@ -32,7 +32,7 @@ inline std::int64_t ReadGaussians(const std::string& content, const std::string&
 
 inline std::int64_t ReadPoints(const std::string& content, const std::string& path) {
   WriteContent(path, content);
-  return static_cast<std::int64_t>(ReadPlyPoints(path).positions.size() / 3);
+  return static_cast<std::int64_t>(ReadPlyColumns(path, {"x", "y", "z"}).size() / 3);
 }
 
 inline std::int64_t ReadCameraModel(const std::string& content, const std::string&) {

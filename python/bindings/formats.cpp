@@ -102,22 +102,19 @@ py::tuple ReadHeader(const py::bytes& path_bytes) {
                         static_cast<std::int64_t>(stream.tellg()));
 }
 
-// Colours come as bytes: files with 16-bit or float colours are scaled by their own full value,
-// which is returned where it is not one of the usual.
-py::tuple ReadPoints(const py::bytes& path_bytes) {
-  const std::string path = path_bytes;
-  PlyPoints points;
+// Doubles, as clouds may lie at coordinates of a map.
+py::array_t<double> ReadColumns(const py::bytes& path, const std::vector<std::string>& names) {
+  std::vector<double> numbers;
   {
+    const std::string name = path;
     const py::gil_scoped_release release;
-    points = ReadPlyPoints(path);
+    numbers = ReadPlyColumns(name, names);
   }
-  const auto n = static_cast<py::ssize_t>(points.positions.size() / 3);
-  auto positions = NewArray<double>({n, 3});
-  auto colors = NewArray<std::uint8_t>({n, 3});
-  // Positions stay double: clouds may lie at coordinates of a map.
-  std::copy(points.positions.begin(), points.positions.end(), positions.mutable_data());
-  std::copy(points.colors.begin(), points.colors.end(), colors.mutable_data());
-  return py::make_tuple(positions, colors, points.unusual_white);
+  const std::size_t count = std::max<std::size_t>(names.size(), 1);
+  auto out = NewArray<double>(
+      {static_cast<std::int64_t>(numbers.size() / count), static_cast<std::int64_t>(names.size())});
+  std::copy(numbers.begin(), numbers.end(), out.mutable_data());
+  return out;
 }
 
 }  // namespace
@@ -133,9 +130,8 @@ void BindFormats(pybind11::module_& m) {
         py::arg("comments"), py::arg("surfels"), py::arg("announced"),
         "Writes float32 Gaussians as binary PLY to an open file; surfels: without scale_2; "
         "announced: the number of Gaussians in the header, negative: without a header.");
-  m.def("read_ply_points", &ReadPoints, py::arg("path"),
-        "Positions (N,3) float64, colours (N,3) uint8 of a PLY point cloud, and the file's value "
-        "of full brightness where it is an unusual one, else 0.");
+  m.def("read_ply_columns", &ReadColumns, py::arg("path"), py::arg("names"),
+        "These properties of the element \"vertex\", (N, names) float64, of a PLY file.");
 }
 
 }  // namespace gsut::bindings

@@ -54,8 +54,12 @@ Args:
 Raises:
     InputError: an unknown direction or parity; the known ones are listed.
 )doc")
-      .def(py::init([](const std::string& direction, const py::object& parity) {
-             return Shutter::Named(direction,
+      .def(py::init([](const py::object& direction, const py::object& parity) {
+             if (!py::isinstance<py::str>(direction)) {
+               throw InputError("direction must be text, found " +
+                                std::string(py::str(py::type::of(direction).attr("__name__"))));
+             }
+             return Shutter::Named(std::string(py::str(direction)),
                                    parity.is_none() ? std::string() : std::string(py::str(parity)));
            }),
            py::arg("direction") = "global", py::arg("parity") = py::none())

@@ -37,33 +37,28 @@ py::tuple Arrays(const GaussianArrays& g) {
 
 // All of these make new Gaussians of the same degree and leave the old ones; the caller chooses
 // rows by giving fewer. Long calls: Ctrl-C ends them, nothing half-done stays.
-py::tuple Paper(const py::object& gaussians, double keep, int depth, int max_rounds,
-                double tolerance, double least_variance, std::uint64_t seed) {
+py::tuple Paper(const py::object& gaussians, double keep, std::uint64_t seed) {
   const auto view = ConstGaussians<float>(gaussians);
+  HerdOptions options;
+  options.keep = keep;
+  options.seed = seed;
   GaussianArrays reduced(0, view.sh_coefficients);
   {
     const LongCall released;
-    reduced = HerdPaper(view, AllRows(view.size),
-                        {keep, depth, max_rounds, tolerance, least_variance, seed});
+    reduced = HerdPaper(view, AllRows(view.size), options);
   }
   return Arrays(reduced);
 }
 
 // weights (N,): what a Gaussian counts where two become one; None: opacity times shadow area.
-py::tuple Merge(const py::object& gaussians, std::int64_t target, const py::object& weights,
-                double divergence_weight, double field_weight, int neighbors, int block_rows) {
+py::tuple Merge(const py::object& gaussians, std::int64_t target, const py::object& weights) {
   const auto view = ConstGaussians<float>(gaussians);
   const float* weight_data =
       weights.is_none() ? nullptr : ConstData<float>(weights, "weights", {view.size});
-  MergeOptions options;
-  options.divergence_weight = divergence_weight;
-  options.field_weight = field_weight;
-  options.neighbors = neighbors;
-  options.block_rows = block_rows;
   GaussianArrays reduced(0, view.sh_coefficients);
   {
     const LongCall released;
-    reduced = MergePairs(view, AllRows(view.size), weight_data, target, options);
+    reduced = MergePairs(view, AllRows(view.size), weight_data, target, MergeOptions());
   }
   return Arrays(reduced);
 }
@@ -91,13 +86,10 @@ py::tuple PaletteOf(const py::array& rows, std::int64_t entries, int rounds) {
 }  // namespace
 
 void BindOptimizeCompact(py::module_& m) {
-  m.def("herd_paper", &Paper, py::arg("gaussians"), py::arg("keep"), py::arg("depth") = 10,
-        py::arg("max_rounds") = 100, py::arg("tolerance") = 1e-5, py::arg("least_variance") = 1e-6,
-        py::arg("seed") = 0,
+  m.def("herd_paper", &Paper, py::arg("gaussians"), py::arg("keep"), py::arg("seed") = 0,
         "GHAP as published; means, quats, log_scales, opacity_logits, sh of the reduced.");
   m.def("merge_pairs", &Merge, py::arg("gaussians"), py::arg("target"),
-        py::arg("weights") = py::none(), py::arg("divergence_weight") = 0.0,
-        py::arg("field_weight") = 0.1, py::arg("neighbors") = 10, py::arg("block_rows") = 1024,
+        py::arg("weights") = py::none(),
         "Merges the cheapest pairs; means, quats, log_scales, opacity_logits, sh of the reduced.");
   m.def(
       "make_palette", &PaletteOf, py::arg("rows"), py::arg("entries"), py::arg("rounds") = 10,

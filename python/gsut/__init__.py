@@ -23,7 +23,6 @@ from gsut._core import (
     exp_pose,
     num_threads,
     photometric_loss,
-    set_num_threads,
 )
 
 # Imported on first use: see gsut._on_demand.
@@ -46,6 +45,7 @@ if TYPE_CHECKING:
     from gsut.gaussians import Gaussians, LinearGaussians, seed_from_points
     from gsut.lens import Camera, load_camera, save_camera
     from gsut.lifting import lift
+    from gsut.machine import set_num_threads
     from gsut.metrics import psnr, ssim
     from gsut.optimize import GaussianOptimizer
     from gsut.refine import localize

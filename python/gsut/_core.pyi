@@ -681,23 +681,9 @@ def accumulate_density(
     sum: NDArray[np.float32],
     count: NDArray[np.int32],
 ) -> None: ...
-def herd_paper(
-    gaussians: _Gaussians,
-    keep: float,
-    depth: int = 10,
-    max_rounds: int = 100,
-    tolerance: float = 1e-5,
-    least_variance: float = 1e-6,
-    seed: int = 0,
-) -> _Arrays: ...
+def herd_paper(gaussians: _Gaussians, keep: float, seed: int = 0) -> _Arrays: ...
 def merge_pairs(
-    gaussians: _Gaussians,
-    target: int,
-    weights: NDArray[np.float32] | None = None,
-    divergence_weight: float = 0.0,
-    field_weight: float = 0.1,
-    neighbors: int = 10,
-    block_rows: int = 1024,
+    gaussians: _Gaussians, target: int, weights: NDArray[np.float32] | None = None
 ) -> _Arrays: ...
 
 # --- formats --------------------------------------------------------------------------------------
@@ -726,4 +712,4 @@ def write_ply(
 def make_palette(
     rows: NDArray[np.float32], entries: int, rounds: int = ...
 ) -> tuple[NDArray[np.float32], NDArray[np.uint32]]: ...
-def read_ply_points(path: bytes) -> tuple[NDArray[np.float64], NDArray[np.uint8], float]: ...
+def read_ply_columns(path: bytes, names: Sequence[str]) -> NDArray[np.float64]: ...

@@ -1,10 +1,19 @@
-"""Bounds of the numbers that people, pages and programs give: the same ones at every door."""
+"""Kinds and bounds of what people, pages and programs give: the same ones at every door."""
 
 from __future__ import annotations
 
+import builtins
+import collections.abc
+import functools
+import inspect
 import math
+import numbers
 import operator
-from typing import Any
+import os
+import types
+import typing
+from collections.abc import Callable
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 
@@ -18,6 +27,82 @@ MOST = 1e100
 FARTHEST = 1e12
 # Least scale of a scene: from the size of an atom to a building's; float32 ends at 1e38.
 LEAST_SCALE = 1e-12
+
+_P = ParamSpec("_P")
+_R = TypeVar("_R")
+
+
+def show(value: Any) -> str:
+    """Shows what was found, for an error: one short line."""
+    return " ".join(str(value).split())[:80]
+
+
+def name_wrong_kinds(function: Callable[_P, _R]) -> Callable[_P, _R]:
+    """Makes a public function's errors name an argument of a wrong kind.
+
+    Where Python's own error comes from inside, the arguments are compared with the annotations;
+    an error that has another reason stays.
+    """
+
+    @functools.wraps(function)
+    def call(*given: _P.args, **named: _P.kwargs) -> _R:
+        try:
+            return function(*given, **named)
+        except (TypeError, AttributeError, OverflowError) as error:
+            # Names that are imported for type checkers alone become Any.
+            known: list[dict[str, Any]] = [function.__globals__, vars(builtins)]
+            known.append(collections.defaultdict(lambda: Any))
+            hints = typing.get_type_hints(function, localns=collections.ChainMap(*known))
+            for name, value in inspect.signature(function).bind(*given, **named).arguments.items():
+                if name in hints and not _is_of_kind(value, hints[name]):
+                    raise InputError(
+                        f"{name} must be {_describe(hints[name])}, found {show(value)} "
+                        f"({type(value).__name__})"
+                    ) from error
+            raise
+
+    return call
+
+
+def _is_of_kind(value: Any, hint: Any) -> bool:
+    """Returns whether a value is of an annotation's kind; True where that cannot be seen."""
+    if hint is Any:  # a class from Python 3.11 on
+        return True
+    origin, parts = typing.get_origin(hint) or hint, typing.get_args(hint)
+    if origin in (typing.Union, types.UnionType):
+        return any(_is_of_kind(value, part) for part in parts)
+    if origin is np.ndarray:
+        try:
+            array = np.asarray(value)
+        except ValueError:  # rows of several lengths
+            return False
+        return array.ndim > 0 and array.dtype.kind in "biuf"
+    if origin in _NUMBERS:
+        return isinstance(value, _NUMBERS[origin])
+    if not isinstance(origin, type) or getattr(origin, "_is_protocol", False):
+        return True
+    if origin is not collections.abc.Sequence:
+        return isinstance(value, origin)
+    is_listed = isinstance(value, (collections.abc.Sequence, np.ndarray))
+    is_listed = is_listed and not isinstance(value, (str, bytes))
+    return is_listed and all(_is_of_kind(each, parts[0]) for each in value)
+
+
+def _describe(hint: Any) -> str:
+    """Describes an annotation's kind in words."""
+    origin, parts = typing.get_origin(hint) or hint, typing.get_args(hint)
+    if origin in (typing.Union, types.UnionType):
+        return " or ".join(_describe(part) for part in parts)
+    if origin is collections.abc.Sequence:
+        return f"a list, of {_describe(parts[0])} each"
+    return _WORDS.get(origin, getattr(origin, "__name__", str(origin)))
+
+
+_NUMBERS = {int: numbers.Integral, float: numbers.Real}
+_WORDS = {
+    int: "a whole number", float: "a number", str: "text", np.ndarray: "an array of numbers",
+    type(None): "None", os.PathLike: "a path",
+}  # fmt: skip
 
 
 def check_number(
@@ -67,7 +152,7 @@ def check_vector(values: Any, name: str) -> np.ndarray:
     except (TypeError, ValueError, OverflowError):
         vector = np.zeros(0)
     if vector.shape != (3,) or not (np.abs(vector) <= FARTHEST).all():
-        raise InputError(f"{name} takes 3 numbers, of at most {FARTHEST:g}, found {values!s:.80}")
+        raise InputError(f"{name} takes 3 numbers, of at most {FARTHEST:g}, found {show(values)}")
     return vector
 
 
@@ -76,5 +161,5 @@ def check_direction(values: Any, name: str) -> np.ndarray:
     vector = check_vector(values, name)
     length = float(np.linalg.norm(vector))
     if length < 1 / FARTHEST:
-        raise InputError(f"{name} must be a direction, found {values!s:.80}")
+        raise InputError(f"{name} must be a direction, found {show(values)}")
     return vector / length

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from gsut import _core
+from gsut.bounds import name_wrong_kinds
 from gsut.capture import Capture, capture
 from gsut.data import load_dataset
 from gsut.data.scene import choose_inner_views, hold_out_views
@@ -77,6 +78,7 @@ class SceneResult:
         return self.path / PAGE
 
 
+@name_wrong_kinds
 def make_scene(
     inputs: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
     out: str | os.PathLike[str],

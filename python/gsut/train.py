@@ -12,6 +12,7 @@ from typing import Any
 
 from gsut import _core
 from gsut._core import InputError
+from gsut.bounds import name_wrong_kinds
 from gsut.check import refuse_too_large
 from gsut.data import Scene
 from gsut.gaussians import Gaussians
@@ -52,6 +53,7 @@ class TrainResult:
         return f"TrainResult({self.gaussians}, {self.metrics['steps']} steps{judged})"
 
 
+@name_wrong_kinds
 def train(
     scene: Scene,
     options: TrainOptions | None = None,

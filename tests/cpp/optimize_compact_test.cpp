@@ -145,7 +145,6 @@ TEST(MergePairs, ReachesEveryTargetWithTheSameBitsOnAnyNumberOfThreads) {
   for (float& w : weights) w = std::uniform_real_distribution<float>(0, 100)(engine);
   MergeOptions options;
   options.block_rows = 256;
-  options.divergence_weight = 0.01;
   for (const std::int64_t target : {2999, 1500, 300, 30}) {
     SetNumThreads(1);
     const GaussianArrays one = MergePairs(Read(g), AllRows(3000), weights.data(), target, options);
@@ -182,7 +181,6 @@ TEST(MergePairs, CheapestPairFirstAsAnExhaustiveSearchFindsIt) {
   const auto rows = AllRows(kSize);
   MergeOptions options;
   options.neighbors = kSize;  // all are candidates
-  options.divergence_weight = 0.02;
   const std::vector<MergeStep> steps =
       PlanMerges(Read(g), {rows.data(), kSize}, nullptr, 4, options);
   ASSERT_EQ(steps.size(), 20u);

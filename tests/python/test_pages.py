@@ -14,14 +14,12 @@ import pytest
 import calib.report.page
 import small_run
 from browser import browser
-from gsut import Camera
 from gsut.evaluate.report import write_report
 from gsut.evaluate.scene_page import write_scene_page
 from gsut.page import build_page, render_template
 from gsut.page.page import embed_json
 from gsut.run.folder import RunFile, RunFolder
 from gsut.sfm.report import page
-from gsut.surface import SurfaceView, build_surface_page
 
 ROOT = Path(__file__).parents[2]
 PLAIN = "plain"
@@ -96,13 +94,6 @@ def make_poses_page(folder, name, monkeypatch):
     return (folder / page.REPORT).read_text()
 
 
-def make_surface_page(folder, name, monkeypatch):
-    camera = Camera("pinhole", [4, 4, 2, 2], 4, 4)
-    image, depth = np.zeros((4, 4, 3), np.uint8), np.ones((4, 4))
-    view = SurfaceView(name, camera, np.eye(4), image, depth, depth)
-    return build_surface_page(name, [view], None, [name])
-
-
 def make_boards_page(folder, name, monkeypatch):
     picture = folder / "board.png"
     cv2.imwrite(str(picture), np.zeros((4, 4, 3), np.uint8))
@@ -133,7 +124,7 @@ def make_boards_page(folder, name, monkeypatch):
 
 
 PAGES = (
-    make_training_page, make_scene_page, make_poses_page, make_surface_page,
+    make_training_page, make_scene_page, make_poses_page,
     make_boards_page,
 )  # fmt: skip
 

@@ -77,16 +77,6 @@ def blocks(folder):
     return gsut.BlocksResult(folder / "blocks.ply", {}, None, None)
 
 
-def map_folder(folder):
-    scene = gsut.load_dataset(folder)
-    (folder / "maps").mkdir(exist_ok=True)
-    for number, view in enumerate(scene.views):
-        file = (folder / "maps" / view.name).with_suffix(".npy")
-        file.parent.mkdir(exist_ok=True)
-        np.save(file, np.full((4, 4), number))
-    return gsut.rendering.MapFolder(folder / "maps", scene)
-
-
 def lifted():
     features = np.random.default_rng(3).uniform(size=(len(blobs()), 2)).astype(np.float32)
     return gsut.rendering.Lifted(features, blobs().means[:, 2].copy(), np.array([4, 7], np.int32))
@@ -168,9 +158,6 @@ SHARED = {
     "BlendRule": (
         lambda _: gsut.BlendRule("3dgrut"),
         [lambda rule: gsut.render(blobs(), fisheye(), POSE, blend=rule), lambda rule: rule.near_z],
-    ),
-    "MapFolder": (
-        map_folder, [lambda maps, i=i: maps[list(maps)[i]] for i in range(6)] + [len]
     ),
     "Lifted": (
         lambda _: lifted(),

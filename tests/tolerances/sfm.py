@@ -17,7 +17,6 @@ SFM_ROLLING_DEGREES = 0.12
 SFM_ROLLING_ATE_PERCENT = 0.012
 SCHUR_DENSE = 5e-12  # of sums of some hundred; least squares in another order; worst 2.8e-12
 ONE_WINDOW = 1 + 1e-9  # sigma by one window over that of all images; worst 1 + 4e-13
-SFM_READOUT_TIME = 0.0015  # of the time between frames; worst 7.6e-4
 SFM_RATE_DEGREES = 1.0  # a second, of 9: rates of frames from the flow
 MARKER_CORNER_PX = 0.5  # corners of ray-traced markers of 50 pixels
 CONTROL_CENTER = 0.02  # metres, of cameras 4 m off

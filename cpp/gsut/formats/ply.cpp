@@ -22,7 +22,6 @@
 
 #include "gsut/base/errors.h"
 #include "gsut/formats/ply_rows.h"
-#include "gsut/formats/whole_file.h"
 #include "gsut/gaussians/check_gaussians.h"
 #include "gsut/gaussians/harmonics.h"
 #include "gsut/gaussians/surfels.h"
@@ -135,11 +134,22 @@ void PutRow(const GaussiansView<const float>& g, std::int64_t row, int scales, c
   put_range(g.quats + 4 * row, 4);
 }
 
+// Names are UTF-8 everywhere; Windows would take plain bytes for its own code page.
+std::filesystem::path ToPath(const std::string& name) {
+#ifdef _WIN32
+  return std::filesystem::path(std::u8string(name.begin(), name.end()));
+#else
+  return name;  // whatever bytes it has
+#endif
+}
+
 }  // namespace
 
 // A folder opens without an error and then reads nothing; a pipe would wait for ever.
 std::ifstream OpenToRead(const std::string& path) {
-  RequireWholeName(path);
+  if (path.find('\0') != std::string::npos) {  // the system would cut it off there
+    throw InputError(std::string(path.c_str()) + "...: the name holds a zero byte; give another");
+  }
   std::error_code unknown;
   const std::filesystem::file_status status = std::filesystem::status(ToPath(path), unknown);
   if (std::filesystem::exists(status) && !std::filesystem::is_regular_file(status)) {
@@ -266,73 +276,20 @@ void PutPly(const GaussiansView<const float>& gaussians, const std::vector<std::
   }
 }
 
-void WritePly(const std::string& path, const GaussiansView<const float>& gaussians,
-              const std::vector<std::string>& comments, bool surfels) {
-  // Nothing takes the old file's place before all rows are written and flushed.
-  WholeFile file(path);
-  PutPly(gaussians, comments, surfels, gaussians.size,
-         [&](const char* data, std::size_t size) { file.Write(data, size); });
-  file.Commit();
-}
-
-// Which value of a file's colours is full brightness.
-static double White(double largest, bool whole, const std::string& path) {
-  constexpr double kByte = 255.0;
-  constexpr double kWord = 65535.0;
-  constexpr double kUnit = 2.0;  // up to here colours of 0 to 1 are taken to be over-exposed
-  constexpr double kRounding = 0.5;
-  if (!whole && largest <= kUnit) return 1.0;
-  if (largest <= kByte + kRounding) return kByte;
-  if (largest <= kWord + kRounding) return kWord;
-  throw InputError(path + ": colours of up to " + std::to_string(largest) +
-                   " are neither of 0 to 1, nor to 255, nor to 65535: scale them to one of these");
-}
-
-PlyPoints ReadPlyPoints(const std::string& path) {
+std::vector<double> ReadPlyColumns(const std::string& path, const std::vector<std::string>& names) {
   std::ifstream stream = OpenToRead(path);
   const PlyHeader header = ReadPlyHeader(stream, path);
   const std::size_t index = FindVertices(header, path);
   CheckPlySize(stream, path, header);
-  const PlyElement& element = header.elements[index];
-  std::vector<std::size_t> position, color;
-  for (const char* name : {"x", "y", "z"}) {
-    position.push_back(FindProperty(element, name, path, "points"));
+  std::vector<std::size_t> columns;
+  for (const std::string& name : names) {
+    columns.push_back(FindProperty(header.elements[index], name, path, "points"));
   }
-  // Some scanners call their colours diffuse_red ...
-  for (const std::string prefix : {"", "diffuse_"}) {
-    if (element.Find(prefix + "red") < 0) continue;
-    for (const char* name : {"red", "green", "blue"}) {
-      color.push_back(FindProperty(element, prefix + name, path, "coloured points"));
-    }
-    break;
-  }
-  PlyPoints points;
-  std::vector<double> levels;
-  double largest = 0.0;
-  bool whole = true;
+  std::vector<double> numbers;
   ReadPlyRows(stream, path, header, index, [&](const double* values) {
-    for (const std::size_t column : position) points.positions.push_back(values[column]);
-    for (const std::size_t column : color) {
-      const PlyType type = element.properties[column].type;
-      if (type == PlyType::kFloat32 || type == PlyType::kFloat64) whole = false;
-      levels.push_back(values[column]);
-      if (values[column] > largest) largest = values[column];  // false for NaN
-    }
+    for (const std::size_t column : columns) numbers.push_back(values[column]);
   });
-  if (color.empty()) {
-    constexpr std::uint8_t kMidGrey = 128;
-    points.colors.assign(points.positions.size(), kMidGrey);
-    return points;
-  }
-  const double white = White(largest, whole, path);
-  if (white != (whole ? 255.0 : 1.0)) points.unusual_white = white;
-  for (const double value : levels) {
-    const double level = 255.0 * (value / white);
-    // A NaN becomes 0.
-    points.colors.push_back(
-        static_cast<std::uint8_t>(level > 0.0 ? std::min(std::round(level), 255.0) : 0.0));
-  }
-  return points;
+  return numbers;
 }
 
 }  // namespace gsut

@@ -57,21 +57,8 @@ using PutBytes = std::function<void(const char* data, std::size_t size)>;
 void PutPly(const GaussiansView<const float>& gaussians, const std::vector<std::string>& comments,
             bool surfels, std::int64_t announced, const PutBytes& put);
 
-// Writes a file of all of it, whole or not at all (see WholeFile). Throws InputError also if it
-// cannot be written.
-void WritePly(const std::string& path, const GaussiansView<const float>& gaussians,
-              const std::vector<std::string>& comments = {}, bool surfels = false);
-
-struct PlyPoints {
-  std::vector<double> positions;     // (N, 3)
-  std::vector<std::uint8_t> colors;  // (N, 3); mid-grey 128 if the file has none
-  // Full brightness in the file, where it is neither 1 (floating-point) nor 255 (whole); else 0.
-  double unusual_white = 0.0;
-};
-
-// A point cloud: properties x y z and, if there, red green blue (or diffuse_red ...) of element
-// `vertex`. Whole numbers are of 0 to 255, or up to 65535 where one is larger; floating-point ones
-// of 0 to 1, or of those ranges where one is far above 1. Throws InputError naming the file.
-PlyPoints ReadPlyPoints(const std::string& path);
+// The numbers of these properties of element `vertex`, (N, names) row-major, whatever type they
+// have: a point cloud has x y z. Throws InputError naming the file and what is missing or wrong.
+std::vector<double> ReadPlyColumns(const std::string& path, const std::vector<std::string>& names);
 
 }  // namespace gsut

@@ -9,12 +9,11 @@
 namespace gsut {
 
 struct Cluster {
-  Moments moments;               // weight: how much it is seen
-  double opacity = 0.0;          // in (0, 1)
-  double transparency = 1;       // product of the members' 1 - opacity
-  double density = 1.0;          // weight of a unit of opacity x shadow area, averaged by weight
-  std::vector<double> sh;        // averaged by weight, 3 K
-  double log_determinant = 0.0;  // of the covariance with its floor, for the divergence
+  Moments moments;          // weight: how much it is seen
+  double opacity = 0.0;     // in (0, 1)
+  double transparency = 1;  // product of the members' 1 - opacity
+  double density = 1.0;     // weight of a unit of opacity x shadow area, averaged by weight
+  std::vector<double> sh;   // averaged by weight, 3 K
   bool merged = false;
 };
 
@@ -26,7 +25,7 @@ Cluster ClusterOf(const GaussiansView<const float>& gaussians, std::int64_t row,
 Cluster Merge(const Cluster& a, const Cluster& b, bool with_sh = true);
 
 // In units of weight x squared colour: the loss of colour, w_a w_b / (w_a + w_b) times the squared
-// difference of the colours averaged over directions, plus the weighted costs of shape.
+// difference of the colours averaged over directions, plus the weighted cost of shape.
 double CostOfMerging(const Cluster& a, const Cluster& b, const MergeOptions& options);
 
 }  // namespace gsut

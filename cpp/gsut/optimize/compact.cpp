@@ -91,10 +91,8 @@ GaussianArrays MergePairs(const GaussiansView<const float>& gaussians,
   if (target < 1) {
     throw InputError("target is " + std::to_string(target) + "; at least one Gaussian must stay");
   }
-  if (!(options.divergence_weight >= 0.0) || !(options.field_weight >= 0.0)) {
-    throw InputError("weights of costs must be >= 0, found " +
-                     std::to_string(options.divergence_weight) + " and " +
-                     std::to_string(options.field_weight));
+  if (!(options.field_weight >= 0.0)) {
+    throw InputError("field_weight must be >= 0, found " + std::to_string(options.field_weight));
   }
   if (options.neighbors < 1 || options.block_rows < 2) {
     throw InputError("neighbors must be >= 1 and block_rows >= 2, found " +

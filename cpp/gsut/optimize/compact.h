@@ -43,10 +43,8 @@ GaussianArrays HerdPaper(const GaussiansView<const float>& gaussians,
                          const std::vector<std::uint32_t>& rows, const HerdOptions& options);
 
 struct MergeOptions {
-  // Weights of the two costs of shape beside the squared difference of colours, which is in [0, 1].
-  // The Kullback-Leibler divergence that moment matching costs at most (Runnalls).
-  double divergence_weight = 0.0;
-  // The squared difference of the drawn fields over their squares, along the merged axes.
+  // Weight of the cost of shape beside the squared difference of colours, which is in [0, 1]: the
+  // squared difference of the drawn fields over their squares, along the merged axes.
   double field_weight = 0.1;
   int neighbors = 10;     // candidates of each Gaussian
   int block_rows = 1024;  // most rows of a block
@@ -60,8 +58,6 @@ struct MergeOptions {
 // with the scene.
 // weights: (gaussians.size) how much each is seen, such as its blend weights summed over pixels;
 // null: opacity times shadow area. rows as in HerdPaper; 1 <= target. Memory is linear.
-// Source of the divergence cost: Runnalls, "Kullback-Leibler approach to Gaussian mixture
-// reduction", IEEE Trans. AES 2007.
 GaussianArrays MergePairs(const GaussiansView<const float>& gaussians,
                           const std::vector<std::uint32_t>& rows, const float* weights,
                           std::int64_t target, const MergeOptions& options);

@@ -14,7 +14,7 @@ namespace gsut {
 namespace {
 
 constexpr std::uint64_t kAbsolutePoseStream = 0x4142'5350;  // "ABSP"
-constexpr int kSample = 3;  // points that determine a pose, but for four solutions
+constexpr int kPoints = 3;  // points that determine a pose, but for four solutions
 // From a pose of three points, errors of the inliers stop falling after two or three steps.
 constexpr int kGaussNewtonSteps = 5;
 // A refined pose has more inliers, which refine it again; the cost decides when to stop.
@@ -75,7 +75,7 @@ AbsolutePose EstimateAbsolutePose(std::span<const Bearing> bearings,
   AbsolutePose result;
   const int count = static_cast<int>(points.size());
   result.inliers.assign(count, 0);
-  if (count < kSample + 1) return result;
+  if (count < kPoints + 1) return result;
   const double max_squared = options.max_error * options.max_error;
   const Rng rng(options.seed, kAbsolutePoseStream);
   const auto inliers_of = [&](const Pose& pose) {
@@ -94,9 +94,9 @@ AbsolutePose EstimateAbsolutePose(std::span<const Bearing> bearings,
   bool found = false;
   int needed = options.max_samples;
   for (int draw = 0; draw < needed; ++draw) {
-    const auto sample = DrawSample<kSample>(rng, draw, count);
-    std::array<Eigen::Vector3d, kSample> rays, seen;
-    for (int i = 0; i < kSample; ++i) {
+    const auto sample = DrawSample<kPoints>(rng, draw, count);
+    std::array<Eigen::Vector3d, kPoints> rays, seen;
+    for (int i = 0; i < kPoints; ++i) {
       rays[i] = bearings[sample[i]].ray;
       seen[i] = points[sample[i]];
     }
@@ -121,7 +121,7 @@ AbsolutePose EstimateAbsolutePose(std::span<const Bearing> bearings,
     }
     // The more inliers, the fewer samples until one of them held inliers only.
     const double share = static_cast<double>(inliers_of(result.camera_from_world)) / count;
-    needed = std::min(needed, SamplesNeeded(share, kSample, options.max_samples));
+    needed = std::min(needed, SamplesNeeded(share, kPoints, options.max_samples));
   }
   if (found) result.num_inliers = inliers_of(result.camera_from_world);
   return result;

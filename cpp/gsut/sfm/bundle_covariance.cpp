@@ -22,8 +22,8 @@ namespace {
 // Bodies beyond which their velocities count as known: memory grows with the square of the
 // unknowns, time with the cube.
 constexpr int kMostMoving = 400;
-constexpr Eigen::Index kColumns = 60;  // of the inverse, made at once
-constexpr std::int64_t kGrain = 64;    // observations of a chunk of parallel work
+constexpr Eigen::Index kColumns = 60;          // of the inverse, made at once
+constexpr std::int64_t kCovarianceGrain = 64;  // observations of a chunk of parallel work
 
 using Matrix6 = Eigen::Matrix<double, 6, 6>;
 
@@ -56,7 +56,7 @@ ObservationTable Linearize(const Bundle& bundle, const BundleState& state, doubl
   found.linear.resize(count);
   found.of_point.resize(bundle.points.size());
   std::vector<double> weighted(count);
-  ParallelFor(count, kGrain, [&](std::int64_t begin, std::int64_t end) {
+  ParallelFor(count, kCovarianceGrain, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t i = begin; i < end; ++i) {
       const BundleObservation& observation = bundle.observations[i];
       const CameraChain chain = state.Chain(observation);

@@ -13,8 +13,8 @@
 namespace gsut {
 namespace {
 
-constexpr std::int64_t kGrain = 256;  // observations a chunk of parallel work
-constexpr double kSmallStep = 1e-8;   // share of the unknowns' length below which a step is none
+constexpr std::int64_t kResidualGrain = 256;  // observations a chunk of parallel work
+constexpr double kSmallStep = 1e-8;  // share of the unknowns' length below which a step is none
 
 using RowMajor2X = Eigen::Matrix<double, 2, Eigen::Dynamic, Eigen::RowMajor>;
 
@@ -170,7 +170,7 @@ Eigen::MatrixXd BundleProblem::SimilarityMotions(int body, int block) const {
 double BundleProblem::Evaluate() {
   if (evaluation_) evaluation_->Evaluate(true);
   const auto count = static_cast<std::int64_t>(bundle_.observations.size());
-  double cost = ParallelSum(count, kGrain, [&](std::int64_t begin, std::int64_t end) {
+  double cost = ParallelSum(count, kResidualGrain, [&](std::int64_t begin, std::int64_t end) {
     double sum = 0.0;
     for (std::int64_t i = begin; i < end; ++i) sum += Linearize(static_cast<int>(i));
     return sum;
@@ -353,7 +353,7 @@ double BundleProblem::Rms() {
   if (evaluation_) evaluation_->Evaluate(false);
   std::vector<double> squares(bundle_.observations.size());
   const auto count = static_cast<std::int64_t>(squares.size());
-  ParallelFor(count, kGrain, [&](std::int64_t begin, std::int64_t end) {
+  ParallelFor(count, kResidualGrain, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t i = begin; i < end; ++i) {
       const BundleObservation& observation = bundle_.observations[i];
       LensEvaluation::Row row = {};

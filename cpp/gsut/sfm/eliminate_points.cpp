@@ -14,7 +14,7 @@
 namespace gsut {
 namespace {
 
-constexpr std::int64_t kGrain = 64;  // points of a chunk of parallel work
+constexpr std::int64_t kEliminationGrain = 64;  // points of a chunk of parallel work
 // A direction of a point whose square counts less than this share is open: parallax below 1e-6 rad.
 constexpr double kOpen = 1e-12;
 // Square of a pivot of the scaled equations below which bodies do not hold together.
@@ -51,7 +51,7 @@ void Invert(const Eigen::Matrix3d& normal, PointShare* share) {
 std::vector<PointShare> InvertPoints(ObservationTable* table, int shared) {
   const auto count = static_cast<std::int64_t>(table->of_point.size());
   std::vector<PointShare> shares(count);
-  ParallelFor(count, kGrain, [&](std::int64_t begin, std::int64_t end) {
+  ParallelFor(count, kEliminationGrain, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t point = begin; point < end; ++point) {
       if (table->of_point[point].empty()) continue;
       Eigen::Matrix3d by_point = Eigen::Matrix3d::Zero();

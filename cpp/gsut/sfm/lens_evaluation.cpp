@@ -10,7 +10,7 @@
 namespace gsut {
 namespace {
 
-constexpr std::int64_t kGrain = 256;  // observations a chunk of parallel work
+constexpr std::int64_t kEvaluationGrain = 256;  // observations a chunk of parallel work
 
 }  // namespace
 
@@ -47,7 +47,7 @@ void LensEvaluation::EvaluateBatch(int camera_index, bool jacobians) {
   const auto count = static_cast<std::int64_t>(batch.observations.size());
   if (count == 0) return;
   // Points into the camera's frame at the time of their line; then through the lens as one batch.
-  ParallelFor(count, kGrain, [&](std::int64_t begin, std::int64_t end) {
+  ParallelFor(count, kEvaluationGrain, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t i = begin; i < end; ++i) {
       const BundleObservation& observation = bundle_.observations[batch.observations[i]];
       Eigen::Map<Eigen::Vector3d>(&batch.points[3 * i]) =
@@ -76,7 +76,7 @@ void LensEvaluation::EvaluateBatch(int camera_index, bool jacobians) {
     std::fill(batch.valid.begin(), batch.valid.end(), 0);
   }
   // Panoramas repeat: of the images of a point the one next to the feature counts.
-  ParallelFor(count, kGrain, [&](std::int64_t begin, std::int64_t end) {
+  ParallelFor(count, kEvaluationGrain, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t i = begin; i < end; ++i) {
       start.domain().MoveNear(bundle_.observations[batch.observations[i]].pixel.data(),
                               &batch.pixels[2 * i]);

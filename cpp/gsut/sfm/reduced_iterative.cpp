@@ -27,7 +27,7 @@ constexpr double kResidual = 1e-3;
 constexpr int kMostSteps = 300;
 // A motion of a cluster that the others make up to this share of its length is none.
 constexpr double kIndependent = 1e-6;
-constexpr std::int64_t kPointGrain = 256;
+constexpr std::int64_t kProductGrain = 256;
 constexpr std::int64_t kBlockGrain = 4;
 
 using MatrixX3 = Eigen::Matrix<double, Eigen::Dynamic, 3>;
@@ -61,7 +61,7 @@ void Subtract(const double* entry, const Eigen::Vector3d& by, double* y, int siz
 }  // namespace
 
 void ReducedSystem::Multiply(const Eigen::VectorXd& x, Eigen::VectorXd* y) {
-  ParallelFor(num_points_, kPointGrain, [&](std::int64_t begin, std::int64_t end) {
+  ParallelFor(num_points_, kProductGrain, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t point = begin; point < end; ++point) {
       Eigen::Vector3d sum = Eigen::Vector3d::Zero();
       for (std::size_t e = first_entry_[point]; e < first_entry_[point + 1]; ++e) {
@@ -150,7 +150,7 @@ bool ReducedSystem::FactorizeClusters() {
     return cluster_start_[cluster + 1] - cluster_start_[cluster];
   };
   std::fill(cluster_cross_.begin(), cluster_cross_.end(), 0.0);
-  ParallelFor(num_points_, kPointGrain, [&](std::int64_t begin, std::int64_t end) {
+  ParallelFor(num_points_, kProductGrain, [&](std::int64_t begin, std::int64_t end) {
     for (std::int64_t point = begin; point < end; ++point) {
       for (std::size_t e = first_entry_[point]; e < first_entry_[point + 1]; ++e) {
         const int block = entries_[e].block;

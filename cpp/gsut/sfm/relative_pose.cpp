@@ -16,7 +16,7 @@ namespace gsut {
 namespace {
 
 constexpr std::uint64_t kRelativePoseStream = 0x5245'4C50;  // "RELP"
-constexpr int kSample = 5;  // matches that determine an essential matrix, up to ten solutions
+constexpr int kMatches = 5;  // matches that determine an essential matrix, up to ten solutions
 // Fewer inliers than this prove nothing: five points always fit.
 constexpr int kFewestMatches = 8;
 // Refinements of a new best pose, each on the inliers of the one before; the cost ends them
@@ -198,9 +198,9 @@ RelativePose EstimateRelativePose(std::span<const Bearing> first, std::span<cons
     const int pool = std::min(
         count,
         kFirstPool + static_cast<int>(static_cast<std::int64_t>(count) * draw / kGrowingSamples));
-    const auto sample = DrawSample<kSample>(rng, draw, pool);
-    std::array<Eigen::Vector3d, kSample> rays1, rays2;
-    for (int i = 0; i < kSample; ++i) {
+    const auto sample = DrawSample<kMatches>(rng, draw, pool);
+    std::array<Eigen::Vector3d, kMatches> rays1, rays2;
+    for (int i = 0; i < kMatches; ++i) {
       rays1[i] = first[sample[i]].ray;
       rays2[i] = second[sample[i]].ray;
     }
@@ -228,7 +228,7 @@ RelativePose EstimateRelativePose(std::span<const Bearing> first, std::span<cons
       inliers += SquaredError(best_e, first[i], second[i]) < max_squared;
     }
     needed = std::min(
-        needed, SamplesNeeded(static_cast<double>(inliers) / count, kSample, options.max_samples));
+        needed, SamplesNeeded(static_cast<double>(inliers) / count, kMatches, options.max_samples));
   }
   // Inliers must also lie in front of both cameras, along their rays.
   if (best_e.isZero()) return result;

@@ -125,11 +125,11 @@ namespace {
 // Points that one image must see for a pose to begin with: three make it, the others vote.
 constexpr int kFewestOfOne = 8;
 // A pose of few points may put those of the other images this many times the largest error off.
-constexpr double kLooser = 4.0;
+constexpr double kRigLooser = 4.0;
 // Rounds of choosing observations and adjusting: the choice settles in two.
 constexpr int kRounds = 3;
 // Iterations of a round: six unknowns converge in a few.
-constexpr int kIterations = 20;
+constexpr int kRigIterations = 20;
 
 struct Placement {
   Pose camera_from_world;  // of the first of the images
@@ -157,7 +157,7 @@ Placement PlaceBody(const std::vector<int>& images, const std::vector<SceneMap::
     bundle.camera_from_world.push_back(bundle.camera_from_body[i] * body_from_world);
   }
   // The first round takes observations that the start, from one image alone, may put far off.
-  double error = kLooser * max_error;
+  double error = kRigLooser * max_error;
   for (int round = 0; round < kRounds; ++round) {
     bundle.observations.clear();
     bundle.points.clear();
@@ -174,8 +174,8 @@ Placement PlaceBody(const std::vector<int>& images, const std::vector<SceneMap::
     if (static_cast<int>(bundle.points.size()) < kFewestOfOne) return {};
     BundleOptions options;
     options.point_fixed.assign(bundle.points.size(), 1);
-    options.loss_scale = max_error / kLooser;
-    options.max_iterations = kIterations;
+    options.loss_scale = max_error / kRigLooser;
+    options.max_iterations = kRigIterations;
     AdjustBundle(&bundle, options);
     error = max_error;
   }

@@ -12,6 +12,7 @@ from gsut.blocks.cluster import Cluster
 from gsut.blocks.plan import ROUNDS, check_trainable, limit_cache_bytes
 from gsut.blocks.stages import BlocksResult, Stages
 from gsut.blocks.workers import Workers
+from gsut.bounds import name_wrong_kinds
 from gsut.data import Scene
 from gsut.data.scene import digest_scene, keep_at_most
 from gsut.files import UNFINISHED, to_plain
@@ -32,6 +33,7 @@ from gsut.training.surface import check_maps
 _TASKS = 4
 
 
+@name_wrong_kinds
 def train_blocks(
     scene: Scene,
     options: TrainOptions | None = None,

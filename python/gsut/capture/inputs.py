@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from gsut._core import InputError
-from gsut.bounds import check_number
+from gsut.bounds import check_number, name_wrong_kinds
 from gsut.capture.folders import expand_folders
 from gsut.capture.frames import Capture, OnProgress, extract_frames
 from gsut.capture.panorama import find_other_lens, prepare_panoramas
@@ -21,6 +21,7 @@ from gsut.files import write_json
 from gsut.lens import is_lens_name
 
 
+@name_wrong_kinds
 def capture(
     inputs: Sequence[str | os.PathLike[str]],
     out: str | os.PathLike[str],

@@ -6,6 +6,7 @@ import os
 from pathlib import Path
 
 from gsut._core import InputError
+from gsut.bounds import name_wrong_kinds
 from gsut.check.colors import check_colors
 from gsut.check.depths import check_depths
 from gsut.check.evidence import gather_evidence
@@ -121,6 +122,7 @@ def _diagnose_scene(scene: Scene, progress: bool) -> list[Finding]:
     ]
 
 
+@name_wrong_kinds
 def doctor(
     data: str | os.PathLike | Scene, *, test_every: int = TEST_EVERY, progress: bool = True
 ) -> list[Finding]:

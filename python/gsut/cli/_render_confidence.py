@@ -70,14 +70,14 @@ class ConfidenceOutput:
             say(f"note: {error}")
         return cls(run, confidence)
 
-    def add(self, folder: Path, name: str, result: Any, turns: int) -> None:
+    def add(self, folder: Path, shot: Any, result: Any, image: np.ndarray) -> None:
         """Writes one image's maps, as numbers and as a picture."""
         (folder / _FOLDER).mkdir(exist_ok=True)
-        file = folder / _FOLDER / f"{name}.npz"
+        file = folder / _FOLDER / f"{shot.name}.npz"
         write_npz(file, {each: getattr(result, each) for each in _MAPS}, pack=True)
         drawn = result.camera.rays()[1]  # a fisheye's corners show nothing that could be seen
         never = drawn & (result.seen_views == 0)
-        write_png(file.with_suffix(".png"), paint_confidence(result.color_sigma, never), turns)
+        write_png(file.with_suffix(".png"), paint_confidence(result.color_sigma, never), shot.turns)
         self._images += 1
         self._unseen += float(never.sum() / max(1, drawn.sum()))
 

@@ -27,19 +27,17 @@ class DepthOutput:
 
     Args:
         arguments: of `gsut render`.
-        folder: of the images, also an attribute: it may be another when they are written; None: of
-            a film.
     """
 
-    def __init__(self, arguments: argparse.Namespace, folder: Path | None) -> None:
-        self.folder, self._along = folder, arguments.depth
+    def __init__(self, arguments: argparse.Namespace) -> None:
+        self._along = arguments.depth
         self._file = Path(arguments.cloud) if arguments.cloud else None
         self._cloud = Cloud(None)
         self._frames: list[Frame] = []
         self._too_far = self._known = 0
 
     @classmethod
-    def from_flags(cls, arguments: argparse.Namespace, folder: Path | None) -> DepthOutput | None:
+    def from_flags(cls, arguments: argparse.Namespace, film: bool) -> DepthOutput | None:
         """Makes the writer that the flags request; None without depths and a cloud.
 
         Raises:
@@ -47,37 +45,32 @@ class DepthOutput:
         """
         if arguments.depth is None and not arguments.cloud:
             return None
-        if arguments.depth and folder is None:
+        if arguments.depth and film:
             raise InputError("a film has no depths: give a folder by -o, not a film's name")
         if arguments.cloud:
             file = Path(arguments.cloud)
             if file.suffix.lower() != ".ply":
                 raise InputError(f"{file}: clouds are written as .ply")
             refuse_existing(file)
-        return cls(arguments, folder)
+        return cls(arguments)
 
     def check(self, cameras: Sequence[Any]) -> None:
         """Raises InputError where a lens sees too far from its axis for z."""
         for camera in dict.fromkeys(cameras) if self._along == "z" else ():
             z_from_distance(np.zeros((camera.height, camera.width)), camera)
 
-    def add(
-        self,
-        name: str,
-        result: Any,
-        image: np.ndarray,
-        camera: Any,
-        place: np.ndarray | CameraMotion,
-    ) -> None:
+    def add(self, folder: Path | None, shot: Any, result: Any, image: np.ndarray) -> None:
         """Writes one image's depth; `image` is the render as bytes."""
+        name, camera, place = shot.name, shot.camera, shot.place
         if self._file is not None:
             distance = measure_depth(result)
             self._cloud.add(DepthMap(camera, place, distance, None, image))
-        if self._along is None or self.folder is None:
+        if self._along is None or folder is None:
             return
+        self._folder = folder
         depth = measure_depth(result, along=self._along)
-        (self.folder / _DEPTH).mkdir(exist_ok=True)
-        file = self.folder / _DEPTH / f"{name}.npy"
+        (folder / _DEPTH).mkdir(exist_ok=True)
+        file = folder / _DEPTH / f"{name}.npy"
         write_npy(file, depth.astype(np.float32))
         with np.errstate(invalid="ignore"):
             levels = np.rint(depth / UNIT)
@@ -98,14 +91,14 @@ class DepthOutput:
         # By that name a dataset's depths are along the rays.
         along_rays = file if self._along == "ray" else None
         self._frames.append(
-            Frame(name, self.folder / f"{name}.png", camera, depth_path=along_rays, **poses)
+            Frame(name, folder / f"{name}.png", camera, depth_path=along_rays, **poses)
         )
 
     def finish(self) -> dict[str, Any]:
         """Writes the poses and the cloud; returns figures."""
         figures: dict[str, Any] = {}
-        if self.folder is not None and self._frames:
-            write_transforms(self.folder / "transforms.json", self._frames, test=())
+        if self._frames:
+            write_transforms(self._folder / "transforms.json", self._frames, test=())
             figures[_DEPTH] = self._along
         if self._too_far:
             share = self._too_far / self._known

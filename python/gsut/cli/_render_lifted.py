@@ -58,12 +58,16 @@ class LiftedOutput:
             raise InputError("a film has no lifted values: give a folder by -o, not a film's name")
         return cls(arguments)
 
-    def add(self, folder: Path, name: str, camera: Any, place: Any) -> None:
+    def add(self, folder: Path, shot: Any, result: Any, image: np.ndarray) -> None:
         """Writes one image's values: .npy, or .png of labels."""
-        shown = self._lifted.render(self._gaussians, camera, place)
+        shown = self._lifted.render(self._gaussians, shot.camera, shot.place)
         (folder / _FOLDER).mkdir(exist_ok=True)
         if self._lifted.ids is not None:
             labels = np.where(shown < 0, _NO_LABEL, shown).astype(np.uint16)
-            write_png(folder / _FOLDER / f"{name}.png", labels)
+            write_png(folder / _FOLDER / f"{shot.name}.png", labels)
             return
-        write_npy(folder / _FOLDER / f"{name}.npy", shown)
+        write_npy(folder / _FOLDER / f"{shot.name}.npy", shown)
+
+    def finish(self) -> dict[str, Any]:
+        """Returns figures: none."""
+        return {}

@@ -48,11 +48,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--floaters", action="store_true",
-        help="leave out what a run's training photographs contradict",
-    )  # fmt: skip
-    parser.add_argument(
-        "--unseen", action="store_true",
-        help="leave out what none of a run's training photographs shows",
+        help="leave out what a run's training photographs contradict or none of them shows",
     )  # fmt: skip
     parser.add_argument(
         "--up", type=finite, nargs=3, metavar=("X", "Y", "Z"),
@@ -102,7 +98,7 @@ def run(arguments: argparse.Namespace) -> int:
     parts = [file.gaussians for file in files]
     check_room("editing", parts, _WORKING)
     found = sum(map(len, parts))
-    if arguments.floaters or arguments.unseen:
+    if arguments.floaters:
         parts = [
             _remove_unsupported(arguments, *each)
             for each in zip(arguments.sources, parts, strict=True)
@@ -227,19 +223,14 @@ def _remove_unsupported(arguments: argparse.Namespace, source: str, gaussians: A
     from gsut.run import Progress
     from gsut.training import read_light
 
-    run, options, scene, _ = _load_trained(
-        arguments, source, "give a run for --floaters and --unseen"
-    )
+    run, options, scene, _ = _load_trained(arguments, source, "give a run for --floaters")
     rows = scene.train_indices
     with Progress(not arguments.json) as bars:
         support = find_support(
             scene, gaussians, rows, background=options.background, light=read_light(run, scene),
             on_view=lambda done: bars.show("photographs", done, len(rows)),
         )  # fmt: skip
-    out = np.zeros(len(gaussians), bool)
-    for asked, found in (("floaters", support.contradicted), ("unseen", support.unseen)):
-        out |= found & getattr(arguments, asked)
-    return gaussians[~out]
+    return gaussians[~(support.contradicted | support.unseen)]
 
 
 def _fit_of_positions(arguments: argparse.Namespace) -> Any:

@@ -24,7 +24,6 @@ DESCRIPTION = (
     "Renders the held-out views of a run's dataset and prints PSNR, SSIM and the PSNR by field "
     "angle. Changes nothing in RUN."
 )
-_PAGE = "surface.html"
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
@@ -40,8 +39,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "--out",
         type=read_folder_name,
         metavar="FOLDER",
-        help="new folder for the pictures (truth, render, 16-bit distance) and metrics.json; with "
-        "--geometry also surface.html: errors of depth, and the mesh as views see it",
+        help="new folder for the pictures (truth, render, 16-bit distance) and metrics.json",
     )
     parser.add_argument(
         "--geometry",
@@ -97,6 +95,7 @@ def _measure_run(
     """Returns the content of metrics.json; with `out`, writes it there beside the pictures."""
     from gsut.evaluate import evaluate
     from gsut.run import Progress, RunFile, RunFolder
+    from gsut.surface import judge_geometry
     from gsut.training import read_light
     from gsut.training.record import find_run_movers
 
@@ -116,59 +115,14 @@ def _measure_run(
     if options.refine_poses:
         say("note: poses as the run refined them, held-out views aligned")
     if arguments.geometry is not None:
-        figures["geometry"] = _measure_geometry(
-            arguments, gaussians, scene, indices, options.background, out
-        )
+        with Progress() as bars:
+            figures["geometry"] = judge_geometry(
+                gaussians, scene, indices,
+                Path(arguments.geometry) if arguments.geometry else None,
+                background=options.background, progress=bars.show,
+            )  # fmt: skip
     if out is not None:
         RunFolder(out).write_json(RunFile.METRICS, figures)
-    return figures
-
-
-def _measure_geometry(
-    arguments: argparse.Namespace,
-    gaussians: Any,
-    scene: Any,
-    indices: Sequence[int],
-    background: Any,
-    out: Path | None,
-) -> dict[str, Any]:
-    """Measures depth and mesh; with `out`, writes a page about them there."""
-    from gsut.files import write_file
-    from gsut.run import Progress
-    from gsut.surface import (
-        Mesh,
-        SurfaceView,
-        build_geometry_tables,
-        build_surface_page,
-        choose_views,
-        judge_geometry,
-    )
-
-    names = {scene.views[index].name for index in choose_views(indices)}
-    views: list[SurfaceView] = []
-    meshes: list[Mesh] = []
-
-    def keep(view: SurfaceView) -> None:
-        if view.name in names:
-            views.append(view)
-
-    with Progress() as bars:
-        figures = judge_geometry(
-            gaussians,
-            scene,
-            indices,
-            Path(arguments.geometry) if arguments.geometry else None,
-            background=background,
-            progress=bars.show,
-            on_view=keep,
-            on_mesh=meshes.append,
-        )
-    if out is not None:
-        title = f"Surface of {arguments.folder}"
-        page = build_surface_page(
-            title, views, meshes[0] if meshes else None, build_geometry_tables(figures)
-        )
-        write_file(out / _PAGE, page)
     return figures
 
 

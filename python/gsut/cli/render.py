@@ -131,14 +131,15 @@ def run(arguments: argparse.Namespace) -> int:
     label = arguments.path if arguments.path in _PATHS else "path"
     out = Path(arguments.out or Path(arguments.folder) / label)
     film = is_film(out)
-    depths = DepthOutput.from_flags(arguments, None if film else out)
+    depths = DepthOutput.from_flags(arguments, film)
     lifted = LiftedOutput.from_flags(arguments, film)
     stage = _stage(arguments)
     sure = ConfidenceOutput.from_flags(arguments, film)
     more: dict[str, Any] = {}
     if sure is not None:
         stage.gaussians, more = sure.gaussians, {"confidence": sure.confidence}
-    if depths is not None or lifted is not None or sure is not None:
+    outputs: list[Any] = [each for each in (depths, lifted, sure) if each is not None]
+    if outputs:
         stage.gaussians = stage.gaussians.order_by_centers()  # no other order has them
     shots = _list_shots(arguments, stage, out if film else None)
     pixels = _make_pixel_filter(stage)
@@ -146,8 +147,6 @@ def run(arguments: argparse.Namespace) -> int:
         depths.check([shot.camera for shot in shots])
     pictures = contextlib.nullcontext() if film else whole_folder(out)
     with Progress() as bars, pictures as folder:
-        if depths is not None:
-            depths.folder = folder
 
         def render_images() -> Iterator[np.ndarray]:
             for done, shot in enumerate(shots, 1):
@@ -155,12 +154,8 @@ def run(arguments: argparse.Namespace) -> int:
                 drawn = stage.gaussians if pixels is None else pixels.widen(camera, place)
                 result = gsut.render(drawn, camera, place, background=stage.background, **more)
                 image = to_uint8(result.image)
-                if depths is not None:
-                    depths.add(shot.name, result, image, camera, place)
-                if lifted is not None and folder is not None:
-                    lifted.add(folder, shot.name, camera, place)
-                if sure is not None and folder is not None:
-                    sure.add(folder, shot.name, result, shot.turns)
+                for output in outputs:
+                    output.add(folder, shot, result, image)
                 yield image
                 bars.show("images", done, len(shots))
 
@@ -174,10 +169,8 @@ def run(arguments: argparse.Namespace) -> int:
             for shot, image in zip(shots, render_images(), strict=True):
                 write_png(folder / f"{shot.name}.png", image, shot.turns)
         figures: dict[str, Any] = {"images": len(shots), "out": str(out)}
-        if depths is not None:
-            figures |= depths.finish()
-        if sure is not None:
-            figures |= sure.finish()
+        for output in outputs:
+            figures |= output.finish()
     if arguments.json:
         print_json(figures)
     else:

@@ -141,8 +141,6 @@ class LivePage:
         return self
 
     def __exit__(self, *_: object) -> None:
-        if self.live is not None:
-            self.live.stop_draft()
         self._stack.close()
 
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from gsut._core import InputError
-from gsut.bounds import check_number
+from gsut.bounds import check_number, name_wrong_kinds, show
 from gsut.compact.method import METHODS, find_method
 from gsut.compact.scores import SeenView
 from gsut.gaussians import Gaussians
@@ -29,6 +29,7 @@ class Compaction:
     dropped: int
 
 
+@name_wrong_kinds
 def compact(
     gaussians: Gaussians,
     keep: float | None = None,
@@ -155,7 +156,8 @@ def check_keep(keep: float) -> None:
     """Raises InputError unless 0 < keep <= 1."""
     if not isinstance(keep, numbers.Real) or not 0.0 < keep <= 1.0:
         raise InputError(
-            f"keep must be above 0 and at most 1, found {keep}; 0.1 keeps a tenth of the Gaussians"
+            f"keep must be above 0 and at most 1, found {show(keep)}; 0.1 keeps a tenth of the "
+            "Gaussians"
         )
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from gsut._core import InputError
+from gsut.bounds import name_wrong_kinds
 from gsut.data.assemble import assemble
 from gsut.data.errors import DatasetError, raise_error
 from gsut.data.export import (
@@ -45,6 +46,7 @@ def list_writable_layouts() -> dict[str, Layout]:
     return {each.name: each for each in list_layouts() if each.write is not None}
 
 
+@name_wrong_kinds
 def convert_dataset(
     source: str | os.PathLike[str],
     out: str | os.PathLike[str],
@@ -271,6 +273,7 @@ def write_layout(out: Path, export: Export, to: str) -> list[str]:
         return write(folder, export)
 
 
+@name_wrong_kinds
 def save_dataset(
     out: str | os.PathLike[str],
     images: Sequence[np.ndarray | str | os.PathLike[str]],

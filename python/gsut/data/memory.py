@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike
 
 from gsut import _core
 from gsut._core import InputError
+from gsut.bounds import name_wrong_kinds
 from gsut.data.points import NO_COLOR
 from gsut.data.poses import check_rigid
 from gsut.data.scene import TEST_EVERY, Scene, View, split_views
@@ -18,6 +19,7 @@ from gsut.lens import Camera
 IN_MEMORY = Path("arrays in memory")  # what such a scene has for a dataset's path
 
 
+@name_wrong_kinds
 def scene_from_arrays(
     images: Sequence[np.ndarray],
     cameras: Camera | Sequence[Camera],

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from gsut import _core
+from gsut.bounds import name_wrong_kinds
 from gsut.evaluate.detail import measure_details
 from gsut.evaluate.unseen import find_unseen
 from gsut.metrics import (
@@ -44,6 +45,7 @@ _DEPTH_LEVELS = 65535  # of a 16-bit picture
 _OPAQUE = 0.5  # pixels with less alpha have no depth in the picture
 
 
+@name_wrong_kinds
 def evaluate(
     gaussians: Any,
     scene: Any,

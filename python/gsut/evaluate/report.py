@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import concurrent.futures
-import dataclasses
 import math
 from pathlib import Path
 from typing import Any
@@ -29,7 +28,6 @@ from gsut.page import (
 )
 from gsut.render import Confidence
 from gsut.run import RunFile, RunFolder, TrainOptions, Verdict
-from gsut.run.options import format_default, get_info, label_option
 
 _MOST_VIEWS = 12  # with pictures, to keep the page small; the table lists all
 _MOST_PIXELS_WIDE = 900  # of an embedded picture: sharp at the width of the page
@@ -88,7 +86,6 @@ def write_report(run: RunFolder) -> Path:
         ring_plot=plot_rings(metrics["rings"]) if metrics.get("rings") else None,
         light_plots=plot_light(metrics["light"]) if "light" in metrics else [],
         confidence=_describe_confidence(run.path / RunFile.CONFIDENCE),
-        settings=_list_settings(options),
         title=_choose_title(run, metrics),
         page=RunFile.PAGE if (run.path / RunFile.PAGE).is_file() else None,
     )
@@ -264,32 +261,3 @@ def _read(path: Path) -> np.ndarray:
 
 def _embed(image: np.ndarray) -> str:
     return embed_picture(image, _MOST_PIXELS_WIDE)
-
-
-def _list_settings(options: TrainOptions) -> list[dict[str, Any]]:
-    """Lists all options by group and marks those that differ from a default run."""
-    defaults = TrainOptions()
-    groups: dict[str, list[dict[str, Any]]] = {}
-    for field in dataclasses.fields(options):
-        info, value = get_info(field), getattr(options, field.name)
-        groups.setdefault(info.group, []).append(
-            {
-                "flag": label_option(options, field.name),
-                "value": _format_value(value),
-                "unit": info.unit,
-                "help": info.help,
-                "default": format_default(field),
-                "changed": value != getattr(defaults, field.name),
-            }
-        )
-    return [{"name": name, "options": rows} for name, rows in groups.items()]
-
-
-def _format_value(value: Any) -> str:
-    if value is None:
-        return "–"
-    if isinstance(value, bool):
-        return "on" if value else "off"
-    if isinstance(value, tuple):
-        return ", ".join(_format_value(entry) for entry in value)
-    return f"{value:g}" if isinstance(value, float) else str(value)

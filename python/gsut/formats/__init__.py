@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import InputError
+from gsut.bounds import name_wrong_kinds
 from gsut.files import open_binary
 from gsut.formats._errors import measure_errors
 from gsut.formats._format import (
@@ -100,6 +101,7 @@ def _match_formats(path: Path, verb: str) -> list[Format]:
     return [each for *_, each in sorted(fitting, key=lambda found: found[:2])]
 
 
+@name_wrong_kinds
 def load_gaussians(path: str | os.PathLike[str]) -> Gaussians:
     """Reads Gaussians from a file of any of the formats.
 
@@ -140,6 +142,7 @@ def read_scene_file(path: str | os.PathLike[str]) -> SceneFile:
     return dataclasses.replace(found, gaussians=keep_drawable(path, found.gaussians))
 
 
+@name_wrong_kinds
 def save_gaussians(
     path: str | os.PathLike[str],
     gaussians: Gaussians,

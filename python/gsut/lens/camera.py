@@ -10,6 +10,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
+from gsut.bounds import show
 from gsut.lens.plausible import find_fault
 
 _NO_LIMIT = math.inf
@@ -89,7 +90,7 @@ class Camera(_core.Camera):
         """Initializes the camera without asking whether a real lens can have these numbers."""
         limit = _convert_field_angle(valid_field_angle)
         values = [float(value) for value in _core.read_array(params, "params").ravel()]
-        super().__init__(str(model), values, *_convert_size(width, height), limit)
+        super().__init__(show(model), values, *_convert_size(width, height), limit)
         self.extrinsics = _copy_checked(extrinsics, "extrinsics", (6,))
         self.valid_region = _copy_checked(valid_region, "valid_region", (None, 2))
         return self
@@ -281,8 +282,8 @@ def _convert_size(width: Any, height: Any) -> tuple[int, int]:
         good = False
     if not good:
         raise InputError(
-            f"width and height are whole numbers of pixels from 1 to {MOST_PIXELS}, found {width} "
-            f"x {height}"
+            f"width and height are whole numbers of pixels from 1 to {MOST_PIXELS}, found "
+            f"{show(width)} x {show(height)}"
         )
     return size
 

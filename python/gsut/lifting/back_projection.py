@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
+from gsut.bounds import name_wrong_kinds
 from gsut.lifting.lifted import Lifted
 from gsut.render import Render, render
 from gsut.run import check_fits
@@ -16,6 +17,7 @@ _MOST_CHANNELS = 512  # values of a pixel, or labels: more would be colours or d
 _FLOAT_BYTES = 4
 
 
+@name_wrong_kinds
 def lift(
     gaussians: Any,
     scene: Any,

@@ -58,10 +58,6 @@ class MapFolder(Mapping[str, np.ndarray]):
     def __len__(self) -> int:
         return len(self._files)
 
-    def find_file(self, name: str) -> Path:
-        """Returns the file of a view's map."""
-        return self._files[name]
-
 
 @register_reader("map of a view", *_SUFFIXES)
 def read_map(file: Path) -> np.ndarray:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.bounds import check_number
+from gsut.bounds import check_number, name_wrong_kinds
 from gsut.files import whole_file
 
 # Codec and its settings for each container. crf 18 and 30: what both codecs' makers call visually
@@ -48,6 +48,7 @@ def is_film(path: Path) -> bool:
     return False
 
 
+@name_wrong_kinds
 def write_video(path: Path, frames: Iterable[np.ndarray], frames_per_second: float) -> int:
     """Writes a film: .mp4 (H.264), .webm (VP9) or .gif.
 

@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from gsut import _core
+from gsut._core import InputError
+from gsut.bounds import name_wrong_kinds
 from gsut.files import claim_name, write_file
 from gsut.orientation import add_orientation
 
@@ -25,20 +27,26 @@ def to_uint8(image: np.ndarray) -> np.ndarray:
     return np.rint(inside * 255.0).astype(np.uint8)
 
 
+@name_wrong_kinds
 def write_png(path: Path, image: np.ndarray, turns: int = 0) -> None:
     """Writes a picture as PNG.
 
     Args:
         path: the file; replaced where it exists.
-        image: (H, W, 3) uint8 red, green, blue; or (H, W) uint8 or uint16.
+        image: (H, W, 3) red, green, blue, or (H, W); uint8 or uint16.
         turns: quarter turns clockwise that show it upright, which EXIF in the file then says.
 
     Raises:
-        InputError: the file cannot be written.
+        InputError: other pixels, or the file cannot be written.
     """
     import cv2
 
     pixels = np.ascontiguousarray(_core.read_array(image, "image"))
+    if pixels.dtype not in (np.uint8, np.uint16) or pixels.shape[2:] not in ((), (3,)):
+        raise InputError(
+            f"image must be (H, W, 3) or (H, W) of uint8 or uint16, found {pixels.dtype} of shape "
+            f"{pixels.shape}"
+        )
     if pixels.ndim == 3:
         pixels = cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR)
     _, data = cv2.imencode(".png", pixels)

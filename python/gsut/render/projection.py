@@ -10,6 +10,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
+from gsut.bounds import name_wrong_kinds
 from gsut.gaussians import Gaussians, LinearGaussians
 from gsut.render.motion import convert_about_camera, place_about, read_motion
 
@@ -44,6 +45,7 @@ class Projection:
         return f"Projection({len(self.centers)} Gaussians, {valid} valid, {self.centers.dtype})"
 
 
+@name_wrong_kinds
 def project(
     gaussians: Gaussians | LinearGaussians,
     camera: _core.Camera,

@@ -11,6 +11,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import BlendRule, InputError
+from gsut.bounds import check_number, name_wrong_kinds
 from gsut.gaussians import Gaussians, LinearGaussians, StoredGaussians
 from gsut.render.arguments import (
     read_background,
@@ -132,6 +133,7 @@ class Gradients:
         return f"Gradients(to {self.gaussians}{touched}{', lens' if self.lens is not None else ''})"
 
 
+@name_wrong_kinds
 def render(
     gaussians: Gaussians | LinearGaussians | StoredGaussians,
     camera: _core.Camera,
@@ -206,14 +208,12 @@ def render(
     )
     rule, gaussians = read_rule(parity, blend, order), set_response(gaussians, response)
     color, behind = read_background(background, camera)
-    if sh_degree < 0:
-        raise InputError(f"sh_degree must be 0 to 3, found {sh_degree}")
     if confidence is not None:
         features = confidence.list_channels(gaussians, features)
     pose = read_motion(camera_from_world, shutter)
     gaussians = convert_about_camera(gaussians, pose, dtype)
     place = place_about(pose, gaussians.origin)
-    degree = min(int(sh_degree), gaussians.sh_degree)
+    degree = min(check_number(sh_degree, "sh_degree", 0, whole=True), gaussians.sh_degree)
     look: dict[str, Any] = {
         "rule": rule, "background": color, "sh_degree": degree, "unscented": tuple(unscented)
     }  # fmt: skip
@@ -281,6 +281,7 @@ def _read_gradient(values: np.ndarray, name: str, dtype: np.dtype) -> np.ndarray
     return np.ascontiguousarray(_core.read_array(values, name), dtype=dtype)
 
 
+@name_wrong_kinds
 def render_backward(
     result: Render,
     dimage: np.ndarray,

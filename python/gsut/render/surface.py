@@ -9,6 +9,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
+from gsut.bounds import name_wrong_kinds
 from gsut.gaussians import Gaussians, StoredGaussians
 from gsut.render.renderer import Render
 
@@ -35,6 +36,7 @@ class Surface:
     spread: np.ndarray
 
 
+@name_wrong_kinds
 def render_surface(result: Render) -> Surface:
     """Computes depth of several kinds, normals and the spread of a render.
 

@@ -11,6 +11,7 @@ from typing import Any
 
 from gsut import _core
 from gsut._core import Shutter
+from gsut.bounds import name_wrong_kinds
 from gsut.data.images import read_header
 from gsut.data.rigs import Rig
 from gsut.data.scene import capture_state
@@ -87,6 +88,7 @@ class PosesResult:
         return f"PosesResult({str(self.path)!r}, {images})"
 
 
+@name_wrong_kinds
 def find_poses(
     images: str | os.PathLike[str],
     out: str | os.PathLike[str],
@@ -107,11 +109,10 @@ def find_poses(
             models of their own in model_2, model_3 ...
         camera: lens file, or a dataset whose lens is used; None: the lens file beside the images,
             or the dataset's own; if there is none the lens is estimated. A known lens is held. The
-            name of a lens of the database (see `find_lenses`) is where the estimation starts; the
-            difference is in the notes and in poses.json ("lens_start"). Of a rig (see
-            `gsut.poses.read_rig`) images holds one folder a camera, the images of one frame share
-            one pose of the rig, and all lengths are in its unit; the rig as it was used is written
-            to rig.json.
+            name of a lens of the database (see `find_lenses`) is where the estimation starts. Of a
+            rig (see `gsut.poses.read_rig`) images holds one folder a camera, the images of one
+            frame share one pose of the rig, and all lengths are in its unit; the rig as it was used
+            is written to rig.json.
         options: every setting of the search; None: the defaults.
         log: receives progress, notes and expected times.
 

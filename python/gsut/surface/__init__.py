@@ -6,18 +6,13 @@ from gsut.surface.depth_map import DepthMap
 from gsut.surface.extract import MeshOptions, extract_mesh, fuse_depth, render_depth_maps
 from gsut.surface.mesh import Mesh
 from gsut.surface.mesh_files import check_mesh_name, load_mesh, save_mesh
-from gsut.surface.report import SurfaceView, build_geometry_tables, build_surface_page, choose_views
 
 __all__ = [
     "Cloud",
     "DepthMap",
     "Mesh",
     "MeshOptions",
-    "SurfaceView",
-    "build_geometry_tables",
-    "build_surface_page",
     "check_mesh_name",
-    "choose_views",
     "extract_mesh",
     "fuse_depth",
     "judge_geometry",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,15 +10,13 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data.scene import read_depth
-from gsut.render import compute_field_angles, render, render_surface, to_uint8
+from gsut.render import compute_field_angles, render, render_surface
 from gsut.surface.extract import OnProgress, extract_mesh, ignore_progress
 from gsut.surface.mesh import Mesh
 from gsut.surface.mesh_files import load_mesh
 from gsut.surface.rays import cast_onto
-from gsut.surface.report import SurfaceView
 from gsut.surface.worth import build_tree, judge_depth, judge_mesh
 
-OnView = Callable[[SurfaceView], None]
 KINDS = ("expected", "median", "strongest")
 
 
@@ -31,8 +29,6 @@ def judge_geometry(
     mesh: Mesh | None = None,
     background: Sequence[float] | None = (0.0, 0.0, 0.0),
     progress: OnProgress = ignore_progress,
-    on_view: OnView | None = None,
-    on_mesh: Callable[[Mesh], None] | None = None,
 ) -> dict[str, Any]:
     """Judges depth on views, and the mesh if the truth is one.
 
@@ -46,8 +42,6 @@ def judge_geometry(
         mesh: what is judged; None: that of `extract_mesh`.
         background: colour behind the Gaussians; None: see `render`.
         progress: called with (stage, done, total).
-        on_view: called with what each view shows, its truth too.
-        on_mesh: called with the mesh that is judged.
 
     Returns:
         dict depth: for each kind of depth the figures of `judge_depth` over all pixels of the
@@ -76,14 +70,12 @@ def judge_geometry(
                 f"{truth or scene.path} has no depth of these views (NAME.png in 16 bits, or "
                 "NAME.npy); try --split all"
             )
-        figures["depth"] = _judge_views(gaussians, scene, rows, background, on_view)
+        figures["depth"] = _judge_views(gaussians, scene, rows, background)
         figures["depth"]["views"] = len(rows)
     if of_mesh is not None:
         if mesh is None:
             mesh = extract_mesh(gaussians, scene, background=background, progress=progress)
         figures["mesh"] = judge_mesh(mesh, of_mesh, scene)
-        if on_mesh is not None:
-            on_mesh(mesh)
     return figures
 
 
@@ -92,7 +84,6 @@ def _judge_views(
     scene: Any,
     rows: list[tuple[int, np.ndarray]],
     background: Sequence[float] | None,
-    on_view: OnView | None = None,
 ) -> dict[str, Any]:
     columns: dict[str, list[np.ndarray]] = {kind: [] for kind in (*KINDS, "truth", "angle")}
     for index, true in rows:
@@ -100,10 +91,6 @@ def _judge_views(
         drawn = gaussians.order_by_centers()
         result = render(drawn, camera, view.motion, background=background)
         surface = render_surface(result)
-        if on_view is not None:
-            image = to_uint8(result.image)
-            about = view.name, camera, view.motion, image, surface.median, true
-            on_view(SurfaceView(*about, turns=view.turns))
         for kind in KINDS:
             columns[kind].append(getattr(surface, kind).ravel())
         columns["truth"].append(true.ravel())

@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 
 from gsut._core import CameraMotion, InputError
-from gsut.bounds import check_number
+from gsut.bounds import check_number, name_wrong_kinds
+from gsut.data import Scene
 from gsut.data.poses import find_centers
 from gsut.render import render, render_surface, to_uint8
 from gsut.run import check_fits, free_memory
@@ -82,9 +83,10 @@ OnProgress = Callable[[str, int, int], None]
 def ignore_progress(stage: str, done: int, total: int) -> None: ...
 
 
+@name_wrong_kinds
 def extract_mesh(
     gaussians: Any,
-    scene: Any,
+    scene: Scene,
     options: MeshOptions | None = None,
     *,
     background: Sequence[float] | None = (0.0, 0.0, 0.0),

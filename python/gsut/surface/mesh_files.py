@@ -13,6 +13,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
+from gsut.bounds import name_wrong_kinds
 from gsut.files import read_bytes, reading, register_reader, write_file
 from gsut.surface.mesh import Mesh
 
@@ -27,6 +28,7 @@ _VERTICES = 34962  # of a buffer of vertices
 _INDICES = 34963  # of a buffer of indices
 
 
+@name_wrong_kinds
 def save_mesh(path: str | os.PathLike[str], mesh: Mesh) -> None:
     """Writes a mesh with normals and colours, in the dataset's coordinates and axes.
 

@@ -79,13 +79,13 @@ function lasts(seconds) {
   return whole >= 60 ? `${Math.floor(whole / 60)} min ${whole % 60} s` : `${whole} s`;
 }
 
-function showState(now, isDraft) {
+function showState(now) {
   const text = [now.stage, now.text].filter(Boolean).join(": ");
   $("making").hidden = false;
   $("making-bar").value = now.share;
   $("making-text").textContent = text || "Starting …";
   $("doing").hidden = now.stage === "training"; // the panel's own section says more
-  $("doing").textContent = isDraft ? `Draft. ${text}` : text;
+  $("doing").textContent = text;
   $("making-left").textContent = now.seconds_left > 0 ? `about ${lasts(now.seconds_left)} left` : "";
   document.body.dataset.making = now.stage;
 }
@@ -97,7 +97,7 @@ export async function watchMaking(scene, ask, base) {
   let version = 0;
   const step = async () => {
     const now = await ask("making", { version });
-    showState(now, scene.draft);
+    showState(now);
     version = now.version;
     if (first === 0) {
       showPictures(now.pictures, base);

@@ -694,8 +694,6 @@ function curve(id, rows, key) {
 }
 async function followTraining() {
   $("training").hidden = false;
-  if (scene.draft) $("training-name").textContent = "Draft, until the scene itself is trained";
-  $("training-buttons").hidden = scene.draft ?? false;
   for (let before = ""; ;) {
     const now = await ask("training");
     $("train-bar").value = now.steps ? now.step / now.steps : 0;

@@ -138,7 +138,7 @@ def test_edit_leaves_floaters_out_of_a_run(run, monkeypatch, capsys):
         return SimpleNamespace(unseen=marks < 100, contradicted=marks % 2 == 0)
 
     monkeypatch.setattr(importlib.import_module("gsut.compact"), "find_support", find_support)
-    found, figures = edited(capsys, "run", "--floaters", "--unseen")
+    found, figures = edited(capsys, "run", "--floaters")
     assert asked == [(1, 2, 4, 5)]  # the training photographs
     assert figures["floaters"] == 100 + (1234 - 100) // 2
     assert len(found) == 1234 - figures["floaters"]

@@ -58,7 +58,7 @@ def finished_scene(tmp_path_factory):
 
 def test_view_shows_the_scene_from_the_first_moment_to_the_last(finished_scene):
     assert SEEN["first"] == {"name": "run", "kind": "making", "shown": 0}
-    assert (SEEN["last"]["kind"], SEEN["last"]["draft"]) == ("training", False)
+    assert SEEN["last"]["kind"] == "training"
     assert SEEN["made"]["stage"] == "finished" and SEEN["made"]["share"] == 1
     assert len(SEEN["made"]["pictures"]) == 6 and len(SEEN["made"]["found"]["cameras"]) >= 2
 

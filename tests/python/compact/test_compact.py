@@ -272,13 +272,6 @@ def test_compact_duplicates_and_zero_opacity_give_finite_results(scene, views, m
         assert np.isfinite(getattr(made, field.name)).all()
 
 
-def test_compact_without_harmonics_works(scene, views):
-    flat = gsut.Gaussians(
-        scene.means, scene.quats, scene.log_scales, scene.opacity_logits, scene.sh[:, :1]
-    )
-    assert compact(flat, 0.3, views=views).gaussians.sh.shape == (90, 1, 3)
-
-
 def test_merging_duplicates_changes_the_picture_little(rng):
     """Each Gaussian twice, half as opaque: merging to half must give back the picture."""
     camera, pose = fisheye(64), random_pose(rng)

@@ -164,7 +164,8 @@ def test_share_never_seen_leaves_out_pixels_that_no_lens_shows(tmp_path, confide
     seen_views[16] = 0.0
     maps = {name: np.ones((32, 32)) for name in ("color_sigma", "depth_sigma")}
     output = ConfidenceOutput(SimpleNamespace(gaussians=None), confidence)
-    output.add(tmp_path, "a", SimpleNamespace(camera=fisheye, seen_views=seen_views, **maps), 0)
+    result = SimpleNamespace(camera=fisheye, seen_views=seen_views, **maps)
+    output.add(tmp_path, SimpleNamespace(name="a", turns=0), result, None)
     share = drawn[16].sum() / drawn.sum()
     assert 0 < share < np.mean(seen_views == 0)
     assert output.finish()["never_seen"] == share

@@ -63,7 +63,7 @@ def test_report_shows_figures_views_options_notes_and_command(run):
     environment = run.read_json("environment.json")
     expected = [
         f"{metrics['psnr']:.2f}", f"{metrics['ssim']:.4f}", "images/0.png", "images/3.png",
-        "beyond 80°", "--max-gaussians", "kannala_brandt", "images/9.png", environment["command"],
+        "beyond 80°", "kannala_brandt", "images/9.png", environment["command"],
         environment["processor"], metrics["version"], 'class="badge best"', 'class="badge worst"',
     ]  # fmt: skip
     assert [word for word in expected if word not in text] == []

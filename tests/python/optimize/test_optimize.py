@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import tolerances
-from gsut import Gaussians, InputError, _core, set_num_threads
+from gsut import Gaussians, InputError, _core
 from gsut.machine import set_isa
 from gsut.optimize import GaussianOptimizer, densify_adaptive, densify_mcmc
 from gsut.optimize.optimizer import LearningRates
@@ -481,19 +481,6 @@ def assert_same_state(a, b):
     assert a.keys() == b.keys()
     for name, array in a.items():
         np.testing.assert_array_equal(array, b[name], err_msg=name)
-
-
-def test_training_has_same_bits_on_any_thread_count():
-    states = []
-    for threads in (1, 2, 8):
-        set_num_threads(threads)
-        rng = np.random.default_rng(1)
-        optimizer = GaussianOptimizer(random_gaussians(rng, 20011), seed=2)
-        train(optimizer, rng, 20)
-        states.append(optimizer.state_dict())
-    assert len(states[0]["params.means"]) > 20011
-    assert_same_state(states[0], states[1])
-    assert_same_state(states[0], states[2])
 
 
 def test_state_dict_through_a_file_goes_on_exactly(tmp_path):

@@ -97,18 +97,6 @@ def test_checkpoint_cut_off_anywhere_is_found_out(tmp_path, rng):
     assert count > 60
 
 
-def test_checkpoint_with_an_altered_array_is_found_out(tmp_path):
-    path = tmp_path / "c.npz"
-    write_checkpoint(path, {"means": np.full(1000, 7.25)})
-    data = bytearray(path.read_bytes())
-    place = data.find(np.float64(7.25).tobytes() * 10)
-    assert place > 0
-    data[place + 20] ^= 1
-    path.write_bytes(data)
-    with pytest.raises(InputError, match="not a complete checkpoint"):
-        read_checkpoint(path)
-
-
 def test_checkpoint_when_writing_fails_keeps_the_one_before(tmp_path, rng, monkeypatch):
     run = RunFolder.create(tmp_path / "run", OPTIONS_OF_RUN)
     run.save_checkpoint(1, {"a": np.arange(3)})

@@ -85,21 +85,6 @@ def test_focal_sigma_with_errors_that_features_share_covers_the_error():
     assert max(map(abs, errors)) < tolerances.FOCAL_SIGMAS
 
 
-@pytest.mark.parametrize("found_again", [False, True])
-def test_focal_prior_that_poses_do_not_follow_starts_again(flight, monkeypatch, found_again):
-    fewer = dataclasses.replace(flight.solution, registered=np.arange(12) < 11)
-    lens = with_scaled_focal(LENS, 1.04)
-    again = dataclasses.replace(flight.solution, cameras=[lens] * 12) if found_again else fewer
-    module = "gsut.sfm.lens.prior"
-    monkeypatch.setattr(f"{module}.adjust_registered", lambda *_, **__: fewer)
-    monkeypatch.setattr(f"{module}.verify_matches", lambda *_: list(flight.pairs))
-    monkeypatch.setattr(f"{module}.solve_poses", lambda *_, **__: again)
-    run, _ = judge(flight, px=with_scaled_focal(LENS, 1.05).params[0])
-    assert run.found.figures["focal_prior"]["used"] == found_again
-    assert run.solution is (again if found_again else flight.solution)
-    assert (run.pairs is flight.pairs) != found_again
-
-
 def test_focal_sigma_where_features_leave_no_doubt_counts_what_they_share():
     bent = fly(np.random.default_rng(1), relief=0.3, turn=0.3, stretch=0.004)
     run, error = judge(bent)

@@ -518,7 +518,6 @@ def test_search_lens_finds_the_fisheye_of_a_synthetic_walk(rng):
     lens = found.solved.cameras[0]
     assert lens.model == "kannala_brandt"
     assert abs(lens.params[0] / scene.camera.params[0] - 1) < tolerances.SFM_FOCAL
-    assert found.found.figures["lens_search"][-1]["held_out_px"] < 0.5
 
 
 def test_keep_most_distinct_keeps_the_most_distinct_matches(rng):

@@ -9,7 +9,7 @@ import tolerances
 from gsut import Shutter, _core
 from gsut.sfm.photographs.options import PosesOptions
 from gsut.sfm.shutter.readout import estimate_rates, estimate_readout_by_flow
-from gsut.sfm.shutter.video import find_shutter, find_video_shutter
+from gsut.sfm.shutter.video import find_video_shutter
 from gsut.sfm.solution import measure_line_times
 from gsut.sfm.solution.solver import solve_poses
 from gsut.sfm.world.comparison import compare_poses
@@ -130,13 +130,3 @@ def test_global_video_is_left_as_it_is(still):
     found = still.find()
     assert found.readout is None and found.solution is still.still
     assert "not determined" in found.describe()
-
-
-@pytest.mark.parametrize(("film", "doubted"), [("rolling", True), ("still", False)])
-def test_a_rolling_video_that_is_said_to_be_global_is_doubted(film, doubted, request):
-    walk = request.getfixturevalue(film)
-    mapping = walk.map(PosesOptions(shutter="global"))
-    mapping = find_shutter(mapping)
-    assert mapping.solved is walk.still and mapping.found.figures["shutter"] == "global"
-    said = ["lines were read top to bottom" in note for note in mapping.log.notes]
-    assert said == [True] * doubted

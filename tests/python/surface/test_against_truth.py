@@ -96,11 +96,7 @@ def test_eval_judges_depth_and_mesh_against_a_mesh_and_files(tmp_path, capsys):
     run = plane_run(tmp_path)
     save_mesh(tmp_path / "truth.ply", sheet(0.0))
     words = ["eval", str(run), "--split", "all", "--json"]
-    out = ["-o", str(tmp_path / "judged")]
-    assert main([*words, *out, "--geometry", str(tmp_path / "truth.ply")]) == 0
-    page = (tmp_path / "judged" / "surface.html").read_text()
-    assert page.count("<img") == 4 * 6  # render, depth, error, mesh of six views
-    assert "median 0.0" in page and "F-score" in page and "AbsRel" in page
+    assert main([*words, "--geometry", str(tmp_path / "truth.ply")]) == 0
     geometry = json.loads(capsys.readouterr().out)["geometry"]
     for kind in ("expected", "median", "strongest"):
         assert geometry["depth"][kind]["abs_rel"] < tolerances.PLANE_DEPTH

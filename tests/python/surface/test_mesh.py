@@ -9,11 +9,9 @@ import gsut
 import tolerances
 from gsut import InputError, _core
 from gsut.surface import Mesh, load_mesh, render_depth_maps, save_mesh
-from gsut.surface.shading import shade_mesh
 from random_scenes import pinhole
 from surface_scenes import (
     edge_counts,
-    looking,
     make_ball,
     plane_run,
     volume,
@@ -25,19 +23,6 @@ def ball():
     vertices, faces = make_ball(0.1, pinhole(80))
     colors = (0.5 + 0.4 * vertices).astype(np.float32)
     return Mesh(vertices, faces, colors)
-
-
-def test_shaded_picture_is_bright_where_a_face_looks_at_the_camera(ball):
-    camera, pose = pinhole(80), looking(np.array([0.0, 0.0, 3.0]))
-    front = shade_mesh(ball, camera, pose)
-    assert front.shape == (80, 80, 3) and (front[0, 0] == 255).all()
-    assert front[40, 40].max() == 219  # 0.86, lit at a right angle
-    assert front[40, 66].max() < 140  # near the limb
-    inside = shade_mesh(ball, camera, looking(np.array([0.0, 0.0, 0.1]), (0, 0, -1)))
-    red, _, blue = inside[40, 40]
-    assert blue > red + 20  # from behind
-    with pytest.raises(InputError, match="faces"):
-        shade_mesh(Mesh(ball.vertices, ball.faces[:0]), camera, pose)
 
 
 @pytest.mark.parametrize("suffix", [".ply", ".obj", ".glb"])

@@ -1,9 +1,6 @@
-"""A scene that is looked at while it is made: poses, a draft, the training; bits of a plain run."""
+"""A scene that is looked at while it is made: poses, the training; bits of a plain run."""
 
 import base64
-import dataclasses
-import time
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -13,9 +10,7 @@ import gsut
 import rendered_dataset
 from browser import browser
 from gsut.sfm.solution import Solution
-from gsut.view import LiveScene, ViewServer, draft
-
-WAIT_SECONDS = 60.0
+from gsut.view import LiveScene, ViewServer
 
 
 @pytest.fixture(scope="module")
@@ -42,11 +37,9 @@ def bits(result):
     return [a.tobytes() for a in (g.means, g.quats, g.log_scales, g.opacity_logits, g.sh)]
 
 
-def test_scene_in_the_making_shows_poses_a_draft_and_the_training(scene, monkeypatch):
+def test_scene_in_the_making_shows_poses_and_the_training(scene, monkeypatch):
     options = gsut.TrainOptions(steps=12, max_gaussians=600)
     alone = gsut.train(scene, options, progress=False)
-    monkeypatch.setattr(draft, "_FEWEST_POINTS", 10)
-    monkeypatch.setattr(draft, "_STEPS", 30)
     live = LiveScene("walk")
     ask = lambda route, **values: live.routes[route](values).content  # noqa: E731
     assert ask("scene") == {"name": "walk", "kind": "making", "shown": 0}
@@ -54,7 +47,7 @@ def test_scene_in_the_making_shows_poses_a_draft_and_the_training(scene, monkeyp
     live.show_progress({"stage": "mapping", "share": 0.4, "seconds_left": 9.0, "text": "images"})
     live.show_poses(lambda: solve(scene, 5))
     now = ask("making")
-    assert (now["stage"], now["version"], now["shown"]) == ("mapping", 1, 0)  # too few for a draft
+    assert (now["stage"], now["version"], now["shown"]) == ("mapping", 1, 0)
     assert np.shape(now["found"]["cameras"]) == (5, 12) and now["found"]["images"] == len(scene)
     points = np.frombuffer(base64.b64decode(now["found"]["points"]), "<f4").reshape(-1, 3)
     np.testing.assert_array_equal(points, scene.points.astype(np.float32))
@@ -65,41 +58,18 @@ def test_scene_in_the_making_shows_poses_a_draft_and_the_training(scene, monkeyp
     live.show_poses(lambda: pytest.fail("looked at too soon"))
     monkeypatch.setattr("gsut.view.live_scene._LOOK_SECONDS", 0.0)
     live.show_poses(lambda: solve(scene, len(scene)))
-    end = time.monotonic() + WAIT_SECONDS
-    while ask("making")["shown"] == 0 and time.monotonic() < end:
-        time.sleep(0.02)
-    seen = ask("scene")
-    assert (seen["kind"], seen["draft"], len(seen["views"])) == ("training", True, len(scene))
-    pose = scene.views[0].camera_from_world.ravel().tolist()
-    frame = {"pose": pose, "lens": 0, "quality": None, "view": 0, "width": 48, "height": 48}
-    assert cv2.imdecode(np.frombuffer(ask("frame", **frame), np.uint8), 1).std() > 10  # a picture
-
+    assert (ask("making")["version"], ask("making")["shown"]) == (2, 0)
     watched = gsut.train(
         scene, options, progress=False, watch=live.begin_training(scene, options)
     )  # fmt: skip
     live.finish(watched.gaussians)
     assert bits(watched) == bits(alone)
+    pose = scene.views[0].camera_from_world.ravel().tolist()
+    frame = {"pose": pose, "lens": 0, "quality": None, "view": 0, "width": 48, "height": 48}
+    assert cv2.imdecode(np.frombuffer(ask("frame", **frame), np.uint8), 1).std() > 10  # a picture
     seen = ask("scene")
-    assert (seen["draft"], seen["shown"], seen["name"]) == (False, 2, "walk")
+    assert (seen["kind"], seen["shown"], seen["name"]) == ("training", 1, "walk")
     assert ask("making")["stage"] == "finished" and ask("training")["step"] == 12
-
-
-def test_draft_has_masks_and_rolling_shutters(scene):
-    shutter = gsut.Shutter("top_to_bottom")
-    velocity = np.array([0.1, 0.0, 0.0, 0.0, 0.02, 0.0])
-    found = dataclasses.replace(
-        solve(scene, 5), shutter=shutter, velocities=np.tile(velocity, (len(scene), 1))
-    )
-    files = {view.name: view.image_path for view in scene.views}
-    masks = {scene.views[1].name: Path("mask.png")}
-    made = draft.make_scene(found, files, masks)
-    assert [view.mask_path for view in made.views] == [None, Path("mask.png"), None, None, None]
-    for view in made.views:
-        ends = view.camera_from_world_start, view.camera_from_world_end
-        start, end = (-pose[:3, :3].T @ pose[:3, 3] for pose in ends)
-        assert np.allclose(end - start, velocity[:3]) and view.shutter is shutter
-    plain = draft.make_scene(solve(scene, 5), files, {}).views[0]
-    assert plain.shutter is None and plain.camera_from_world_start is None
 
 
 def test_page_draws_cameras_and_points_before_there_are_gaussians(scene):
@@ -119,13 +89,8 @@ def test_page_draws_cameras_and_points_before_there_are_gaussians(scene):
         assert window.errors() == []
 
 
-def test_draft_that_fails_leaves_the_scene_alone(scene, monkeypatch, capfd):
-    monkeypatch.setattr(draft, "_FEWEST_POINTS", 10)
+def test_picture_that_is_gone_is_not_found(scene):
     live = LiveScene("walk")
     live.show_pictures({view.name: view.image_path.with_suffix(".gone") for view in scene.views})
-    live.show_poses(lambda: solve(scene, len(scene)))
-    live.stop_draft()
-    assert live.routes["making"]({}).content["shown"] == 0
-    assert capfd.readouterr() == ("", "")
     with pytest.raises(FileNotFoundError):
         live.routes["picture"]({"name": scene.views[0].name})

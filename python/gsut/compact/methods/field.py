@@ -11,15 +11,11 @@ from gsut.compact.method import Method
 from gsut.compact.scores import blend_weights
 from gsut.gaussians import Gaussians
 
-# Weights beside the difference of colours: of the divergence, and of the drawn fields. Without
-# divergence, held-out views are at least as good.
-_COSTS = (0.0, 0.1)
-
 
 def merge(gaussians: Gaussians, target: int, scores: np.ndarray | None, *_: Any) -> Gaussians:
     """Merges Gaussians to `target`, weighted by scores, or by opacity times size without them."""
     weights = None if scores is None else scores.astype(np.float32)
-    arrays = _core.merge_pairs(gaussians, target, weights, *_COSTS)
+    arrays = _core.merge_pairs(gaussians, target, weights)
     return Gaussians(*arrays, response=gaussians.response, order=gaussians.order)
 
 

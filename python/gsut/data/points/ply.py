@@ -8,12 +8,16 @@ from pathlib import Path
 import numpy as np
 
 from gsut import _core
+from gsut._core import InputError
 from gsut.bounds import FARTHEST
 from gsut.data.points.las import load_points_las
 
 NO_COLOR = 128  # of points without one
 _AXES = ("x", "y", "z")
 _COLORS = ("red", "green", "blue")
+_BYTE = 255.0  # full brightness of 8 bits
+_WORD = 65535.0  # full brightness of 16 bits
+_OVEREXPOSED = 2.0  # floating-point colours of up to that are of 0 to 1
 
 
 def load_points(
@@ -44,10 +48,39 @@ def load_points_ply(
         InputError: the file cannot be opened, is no PLY file, misses a property (the message
             names it and what is there), is truncated, or has colours of no known range.
     """
-    points, colors, white = _core.read_ply_points(os.fsencode(path))
-    if notes is not None and white:
+    _, elements, *_ = _core.read_ply_header(os.fsencode(path))
+    kinds = {
+        name: kind
+        for element, _, properties in elements
+        for name, kind, _ in properties
+        if element == "vertex"
+    }
+    # Some scanners call their colours diffuse_red ...
+    prefix = next((each for each in ("", "diffuse_") if f"{each}red" in kinds), None)
+    channels = [] if prefix is None else [prefix + name for name in _COLORS]
+    columns = _core.read_ply_columns(os.fsencode(path), [*_AXES, *channels])
+    points, levels = np.ascontiguousarray(columns[:, :3]), columns[:, 3:]
+    if not channels:
+        return points, np.full(points.shape, NO_COLOR, np.uint8)
+    whole = all(kinds[name][0] != "f" for name in channels)
+    white = _find_white(float(np.fmax.reduce(levels, axis=None, initial=0.0)), whole, path)
+    if notes is not None and white != (_BYTE if whole else 1.0):
         notes.append(f"{path}: the points' colours are read as numbers of 0 to {white:g}")
-    return points, colors
+    colors = np.floor(np.clip(np.nan_to_num(levels) * (_BYTE / white), 0.0, _BYTE) + 0.5)
+    return points, colors.astype(np.uint8)
+
+
+def _find_white(largest: float, whole: bool, path: str | os.PathLike[str]) -> float:
+    """Returns the value of full brightness among colours of up to `largest`."""
+    if not whole and largest <= _OVEREXPOSED:
+        return 1.0
+    for white in (_BYTE, _WORD):
+        if largest <= white + 0.5:
+            return white
+    raise InputError(
+        f"{os.fspath(path)}: colours of up to {largest:g} are neither of 0 to 1, nor to 255, nor "
+        "to 65535: scale them to one of these"
+    )
 
 
 def find_usable_points(points: np.ndarray) -> tuple[np.ndarray, str]:

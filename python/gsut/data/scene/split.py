@@ -6,7 +6,7 @@ import difflib
 from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 
-from gsut._core import InputError
+from gsut.bounds import check_number
 from gsut.data.errors import DatasetError, list_some
 from gsut.data.scene.scene import Scene
 
@@ -40,8 +40,7 @@ def split_views(
         DatasetError: an unknown name, a view in both lists, or no training view left.
         InputError: `test_every` is negative.
     """
-    if test_every < 0:
-        raise InputError(f"test_every must be 0 (none) or more, found {test_every}")
+    test_every = check_number(test_every, "test_every", 0, whole=True)
     notes: list[str] = []
     everything = range(len(names))
     if test_names is not None:

@@ -7,6 +7,7 @@ import os
 from pathlib import Path
 
 from gsut._core import CalibrationError, InputError
+from gsut.bounds import name_wrong_kinds
 from gsut.files import read_bytes, reading, register_reader, write_file
 from gsut.lens.camera import Camera
 from gsut.lens.files._format import LensFile, LensFormat, list_formats, make_lens_error
@@ -76,6 +77,7 @@ def list_suffixes() -> tuple[str, ...]:
     return tuple(sorted({suffix for each in list_formats() for suffix in each.suffixes}))
 
 
+@name_wrong_kinds
 def save_camera(camera: Camera, path: _Path, format: str | None = None) -> None:
     """Writes a lens to a file that `load_camera` reads.
 

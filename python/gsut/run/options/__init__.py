@@ -5,10 +5,8 @@ from gsut.run.options.fields import (
     check_options,
     define_option,
     describe_options,
-    format_default,
     format_flag,
     get_info,
-    label_option,
     list_choices,
 )
 from gsut.run.options.flags import (
@@ -42,12 +40,10 @@ __all__ = [
     "define_option",
     "describe_options",
     "fit_to_views",
-    "format_default",
     "format_flag",
     "get_info",
     "get_preset_value",
     "is_from_preset",
-    "label_option",
     "list_choices",
     "make_recipe",
     "raise_degree",

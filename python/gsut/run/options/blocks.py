@@ -6,6 +6,7 @@ import dataclasses
 import math
 
 from gsut._core import InputError
+from gsut.bounds import show
 from gsut.run.options.fields import (
     check_options,
     define_option,
@@ -58,7 +59,9 @@ class BlockOptions:
             return None
         number = int(self.blocks) if self.blocks.isdecimal() else 0
         if not 1 <= number <= MOST_BLOCKS:
-            raise InputError(f"--blocks {self.blocks}: auto, or a number from 1 to {MOST_BLOCKS}")
+            raise InputError(
+                f"--blocks {show(self.blocks)}: auto, or a number from 1 to {MOST_BLOCKS}"
+            )
         return number
 
     def list_words(self, *but: str) -> list[str]:

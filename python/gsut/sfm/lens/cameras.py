@@ -9,10 +9,10 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import SolveError
-from gsut.lens import Camera, with_scaled_focal
-from gsut.sfm.lens.candidates import DEFAULT_FIELD, make_lens
+from gsut.lens import Camera
+from gsut.sfm.lens.candidates import list_lens_ladder, make_lens
 from gsut.sfm.lens.search import ADVICE, START, choose_lens, search_lens
-from gsut.sfm.lens.sightings import Sightings, gather_sightings, try_focals
+from gsut.sfm.lens.sightings import Sightings, gather_sightings
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import explain_failure, require_overlap, select_pairs, verify_matches
 from gsut.sfm.photographs import LensGroup
@@ -20,10 +20,10 @@ from gsut.sfm.solution import Adjustment, index_lenses, solve_poses
 
 _FEWEST_IMAGES = 3  # of a camera whose lens is estimated from its own images: two leave it open
 _MOST_TRIED = 10  # images that show which lens their camera has
-_FITS = 0.5  # share of an image's matches that must agree with points for a trial to count
+_FITS = 0.5  # share of the matches that must agree with points through such a lens
 # Degrees across of cameras that state no focal length: short zooms, phones, wide angles.
 _GUESSED_FIELDS = (45.0, 60.0, 75.0)
-_BENDS = (1.0, 0.0)  # perspective and equidistant: kinds of lenses that are tried
+_ROUGH = 3.0  # on the largest error of a trial, which may lie between two lenses
 
 
 def search_lenses(mapping: Mapping) -> Mapping:
@@ -46,27 +46,25 @@ def search_lenses(mapping: Mapping) -> Mapping:
     if len(groups) == 1 and len(groups[0].images) == len(mapping.photographs):
         return search_lens(mapping)
     lenses = _Lenses(mapping, groups)
-    open_groups, failure, rows = [], None, []
+    open_groups, failure = [], None
     for group in groups:
         try:
             if len(group.images) < _FEWEST_IMAGES:
                 raise SolveError(f"{len(group.images)} images are too few")
-            own = mapping.select(group)
-            lens, flags, _, trials = choose_lens(own)
+            lens, flags, _ = choose_lens(mapping.select(group))
         except SolveError as error:
             open_groups.append(group)
             failure = error
             continue
         lenses.set(group, lens, flags)
-        rows += [{"camera": group.name, **row} for row in trials]
     if failure is not None and not lenses.known.any():
         _start_from_guesses(lenses, groups)
         open_groups = [g for g in groups if not lenses.mapping.solved.registered[g.images].any()]
     lenses.solve()
     found = [group for group in open_groups if _fit_to_points(lenses, group)]
     if found:
-        lenses.solve()
-    return lenses.mapping.add_findings({"lens_search": rows} if rows else None)
+        lenses.solve(settled=False)
+    return lenses.mapping
 
 
 class _Lenses:
@@ -160,19 +158,12 @@ def _fit_to_points(lenses: _Lenses, group: LensGroup) -> bool:
     candidates = [
         *group.candidates,
         *(c for c in settled if (c.width, c.height) == (width, height)),
-        *(make_lens(width, height, DEFAULT_FIELD, bend) for bend in _BENDS),
+        *list_lens_ladder(width, height, mapping.options.fov),
     ]
-    best, most = None, 0
-    for start in candidates:
-        logs = np.array([try_focals(start, *each, mapping.options, _FITS) for each in own])
-        if np.isnan(logs).all():
-            continue
-        lens = with_scaled_focal(start, math.exp(float(np.nanmedian(logs))))
-        fitting = sum(_count_fitting(mapping, lens, each) for each in own)
-        if fitting > most:
-            best, most = lens, fitting
-    if best is None:
+    fitting = [sum(_count_fitting(mapping, lens, each) for each in own) for lens in candidates]
+    if max(fitting) < _FITS * sum(len(points) for _, points in own):
         return False
+    best = candidates[int(np.argmax(fitting))]
     flags = np.zeros(len(best.params), np.uint8)
     flags[: len(START)] = START[: len(flags)]
     lenses.set(group, best, flags)
@@ -185,5 +176,5 @@ def _count_fitting(mapping: Mapping, lens: Camera, seen: Sightings) -> int:
     bearings = _core.ImageBearings(lens, pixels)
     rows = np.flatnonzero(bearings.valid)
     options = mapping.options
-    max_error = options.max_error * math.hypot(lens.width, lens.height) / 1000
+    max_error = _ROUGH * options.max_error * math.hypot(lens.width, lens.height) / 1000
     return int(_core.absolute_pose(bearings, rows, points[rows], max_error, options.seed)[1].sum())

@@ -39,7 +39,8 @@ def free_center(mapping: Mapping) -> Mapping:
     solution, flags, photographs = mapping.solved, mapping.one_lens_free, mapping.photographs
     if flags is None or solution.shutter is not None or photographs.frames is not None:
         return mapping
-    if photographs.flows and not mapping.found.figures.get("shutter_signs", math.inf) < SURE:
+    signs = mapping.found.figures.get("shutter_signs", math.inf)
+    if photographs.flows and mapping.options.shutter == "auto" and not signs < SURE:
         return mapping
     freed = flags.copy()
     freed[list(CENTER)] = FREE

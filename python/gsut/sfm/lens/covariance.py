@@ -11,13 +11,17 @@ import numpy as np
 from gsut._core import SolveError
 from gsut.data.poses import find_centers
 from gsut.lens import Camera
-from gsut.sfm.lens.information import WeightedObservations, differentiate_by_turn, invert_scaled
+from gsut.sfm.lens.information import (
+    MEDIAN_SQUARE,
+    WeightedObservations,
+    differentiate_by_turn,
+    invert_scaled,
+)
 from gsut.sfm.solution import CENTER, Adjustment, LensFlags, Solution, StatedTurns
 
 # Standard deviations of an image's shift, over the extent of the cameras, and of its turn in
 # radians during a readout: as in the adjustment.
 _VELOCITY_SIGMA = (0.1, 0.2)
-_MEDIAN_SQUARE = 2 * math.log(2)  # of a normal vector's length in the plane, in variances
 
 
 @dataclasses.dataclass(frozen=True)
@@ -101,7 +105,7 @@ def estimate_lens_covariances(
     moves = solution.shutter is not None
     times = solution.measure_line_times()[seen.rows] if moves else None
     prior = _weigh_velocities(solution, seen.median) if moves else np.zeros(6)
-    noise = math.sqrt(feature_variance * seen.median / _MEDIAN_SQUARE)
+    noise = math.sqrt(feature_variance * seen.median / MEDIAN_SQUARE)
     priors = _weigh_centers(seen.lenses.cameras, seen.bases, noise / center_sigma)
     if turns is not None:
         turns = dataclasses.replace(

@@ -4,21 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
 from gsut._core import SolveError
 from gsut.data import list_some
 from gsut.judge.checks import FOCAL_LIMIT
-from gsut.lens import Camera, LensProfile, measure_field_of_view
+from gsut.lens import Camera, measure_field_of_view
 from gsut.sfm.lens.center import describe_center
 from gsut.sfm.lens.covariance import LensCovariance, estimate_lens_covariances
 from gsut.sfm.lens.critical_motion import find_critical_motion
 from gsut.sfm.lens.given import check_given_lens
 from gsut.sfm.lens.prior import estimate_focal_sigma, weigh_focal_prior
 from gsut.sfm.mapping import Findings, Mapping
-from gsut.sfm.photographs import LensGroup, PosesOptions
+from gsut.sfm.photographs import LensGroup
 from gsut.sfm.solution import FEATURE_VARIANCE, LensFlags, Solution, StatedTurns, index_lenses
 
 _CONTRADICTS = 0.1  # relative difference of focal lengths that needs an explanation
@@ -97,23 +96,14 @@ def describe_doubt(found: Findings) -> str | None:
     )
 
 
-def compare_lens(mapping: Mapping) -> tuple[list[str], dict[str, Any]]:
-    """Compares the lens that was found with what the photographs say.
-
-    Returns:
-        One sentence each; and "lens_start" of the figures where the lens was named.
-    """
-    photographs, figures = mapping.photographs, mapping.found.figures
-    lens, notes = mapping.solved.cameras[0], []
-    groups = photographs.groups
+def compare_lens(mapping: Mapping) -> list[str]:
+    """Compares the lens that was found with what the photographs say: one sentence each."""
+    photographs, groups = mapping.photographs, mapping.photographs.groups
     if len(groups) > 1 or (groups and len(groups[0].images) < len(photographs)):
-        return _describe_cameras(groups, mapping.solved), {}
-    if figures["lens"] == "estimated" and photographs.exif_focal_px is not None:
-        notes += explain_contradiction(photographs.exif_focal_px, lens)
-    if photographs.profile is None:
-        return notes, {}
-    start = compare_with_profile(photographs.profile, lens, figures.get("readout"), mapping.options)
-    return [*notes, describe_start(start)], {"lens_start": start}
+        return _describe_cameras(groups, mapping.solved)
+    if mapping.found.figures["lens"] == "estimated" and photographs.exif_focal_px is not None:
+        return explain_contradiction(photographs.exif_focal_px, mapping.solved.cameras[0])
+    return []
 
 
 def _describe_cameras(groups: Sequence[LensGroup], solution: Solution) -> list[str]:
@@ -132,56 +122,6 @@ def _describe_cameras(groups: Sequence[LensGroup], solution: Solution) -> list[s
     if found:
         notes.insert(0, f"the lens of each of these cameras was found: {', '.join(found)}")
     return notes
-
-
-def compare_with_profile(
-    profile: LensProfile, lens: Camera, readout: dict[str, Any] | None, options: PosesOptions
-) -> dict[str, Any]:
-    """Compares a lens and readout time with a profile's, for "lens_start" of poses.json.
-
-    Args:
-        profile: the lens that the search started from.
-        lens: the estimated lens.
-        readout: of poses.json, with the estimated time; None: a global shutter.
-        options: with the given readout time.
-
-    Returns:
-        Name and doubts of the profile, its focal length and field of view and the estimated ones,
-        and the differences of focal length and readout time from the start in percent; None for
-        what is not known.
-    """
-    start = profile.make_camera(lens.width, lens.height)
-    found = given = None
-    if readout is not None and "seconds" in readout:  # by the flow of a video
-        found = readout["seconds"]
-        given = None if profile.readout_ms is None else abs(profile.readout_ms) / 1000
-    elif readout is not None:
-        found, given = readout["estimated"], options.readout_time
-    return {
-        "name": profile.name,
-        "doubts": list(profile.doubts),
-        "focal_px": [float(start.params[0]), float(lens.params[0])],
-        "focal_percent": 100 * float(lens.params[0] / start.params[0] - 1),
-        "fov_degrees": [measure_field_of_view(start), measure_field_of_view(lens)],
-        "readout_percent": 100 * (found / given - 1) if found and given else None,
-    }
-
-
-def describe_start(values: dict[str, Any]) -> str:
-    """Describes the comparison in a sentence."""
-    before, after = values["focal_px"]
-    text = (
-        f"the search for the lens started from {values['name']} of the database and found a focal "
-        "length "
-        f"of {after:.1f} px, {values['focal_percent']:+.1f} % of its {before:.1f} px"
-    )
-    if None not in values["fov_degrees"]:
-        text += " (field of view {:.1f} -> {:.1f} degrees)".format(*values["fov_degrees"])
-    if values["readout_percent"] is not None:
-        text += f", its readout time {values['readout_percent']:+.0f} %"
-    if values["doubts"]:
-        text += f"; that calibration is doubtful: {', '.join(values['doubts'])}"
-    return text
 
 
 def explain_contradiction(exif_focal_px: float, lens: Camera) -> list[str]:

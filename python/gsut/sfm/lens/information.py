@@ -29,7 +29,7 @@ _WINDOW = 150  # images, about
 # Points that an image must share with a window to join it: fewer do not hold its pose.
 _LEAST_SHARED = 20
 GROUPS = 8  # of successive images, taken to err independently
-_MEDIAN_SQUARE = 2 * math.log(2)  # of a normal vector's length in the plane, in variances
+MEDIAN_SQUARE = 2 * math.log(2)  # of a normal vector's length in the plane, in variances
 
 
 class WeightedObservations:
@@ -143,7 +143,7 @@ class WeightedObservations:
             freedom: number of coordinates minus unknowns.
         """
         weight, lost = self.weight[:, 0, 0] ** 2, 2 * len(self.squared) / freedom
-        noise = math.sqrt(self.median / _MEDIAN_SQUARE * lost)
+        noise = math.sqrt(self.median / MEDIAN_SQUARE * lost)
         # psi = w r; over all directions of a residual r in the plane its mean derivative is w^2.
         psi = float(np.mean(weight**2 * self.squared)) / 2
         return noise, lost * psi * float(np.mean(weight)) / float(np.mean(weight**2)) ** 2
@@ -217,17 +217,14 @@ def differentiate_by_turn(by_point: np.ndarray, p: np.ndarray) -> np.ndarray:
     return np.cross(p[:, None, :], by_point)
 
 
-def split_windows(
-    image: np.ndarray, point: np.ndarray, images: int, count: int | None = None
-) -> list[np.ndarray]:
-    """Splits images into windows that share many points.
+def split_windows(image: np.ndarray, point: np.ndarray, images: int) -> list[np.ndarray]:
+    """Splits images into windows that share many points, one for every 150 images or so.
 
     A window grows by the image that sees most of its points, and the next one begins beside it.
 
     Args:
         image, point: (S,) of the observations.
         images: number of images; those without observations are in no window.
-        count: of windows; None: one for every 150 images or so.
 
     Returns:
         The sorted images of each window.
@@ -236,7 +233,7 @@ def split_windows(
     begin_image = np.searchsorted(image[by_image], np.arange(images + 1))
     begin_point = np.searchsorted(point[by_point], np.arange(int(point.max(initial=-1)) + 2))
     is_open = np.diff(begin_image) > 0
-    count = count or max(1, round(int(is_open.sum()) / _WINDOW))
+    count = max(1, round(int(is_open.sum()) / _WINDOW))
     size = -(-int(is_open.sum()) // count)
     windows: list[np.ndarray] = []
     shared = np.zeros(images, np.int64)

@@ -12,11 +12,10 @@ from gsut._core import SolveError
 from gsut.judge import SURE
 from gsut.lens import Camera, FocalPrior, find_focal_params, with_scaled_focal
 from gsut.sfm.lens.candidates import guess_lens
-from gsut.sfm.lens.covariance import estimate_lens_covariances
-from gsut.sfm.lens.information import GROUPS, split_windows
+from gsut.sfm.lens.information import GROUPS
 from gsut.sfm.lens.trials import run_trials
 from gsut.sfm.mapping import Mapping
-from gsut.sfm.matches import TRIAL_MATCHES, PairMatches, keep_most_distinct, verify_matches
+from gsut.sfm.matches import keep_most_distinct
 from gsut.sfm.solution import (
     Adjustment,
     LensFlags,
@@ -25,7 +24,6 @@ from gsut.sfm.solution import (
     Solution,
     adjust_registered,
     index_lenses,
-    solve_poses,
 )
 from gsut.significance import convert_to_normal
 
@@ -35,10 +33,7 @@ _STATED = 0.05
 # Fewest images of which some can be left out and the others still determine a lens: how well it is
 # known cannot be measured with fewer.
 _FEWEST_IMAGES = 4
-# Most matches of a pair in adjustments of windows, which are many.
-_WINDOW_MATCHES = 50
-# Most images whose groups are left out: of more, which would be eight adjustments of nearly all,
-# windows are adjusted alone.
+# Most images whose groups are left out, which takes eight adjustments of nearly all.
 _MOST_LEFT_OUT = 100
 # Share of the prior's standard deviation below which the images alone know better.
 _NEGLIGIBLE = 0.1
@@ -55,7 +50,7 @@ def weigh_focal_prior(mapping: Mapping, features_sigma: float) -> tuple[Mapping,
             the features alone.
 
     Returns:
-        The run with solution, pairs, and "focal_prior" of the figures where there is a prior; and
+        The run with solution, and "focal_prior" of the figures where there is a prior; and
         the standard deviation of the logarithm of the focal length.
     """
     solution, flags = mapping.solved, mapping.one_lens_free
@@ -93,9 +88,9 @@ def weigh_focal_prior(mapping: Mapping, features_sigma: float) -> tuple[Mapping,
         alone = f"a focal length of {known}" if sigma < 1 else "no focal length"
         mapping.log.note(
             f"the images alone give {alone}; with the {prior.px:.0f} px of {prior.source} it is "
-            f"{find_focal(held[0]):.0f} px, known to {200 * both:.1f} %"
+            f"{find_focal(held):.0f} px, known to {200 * both:.1f} %"
         )
-    return mapping.replace(solution=held[0], pairs=held[1]), both
+    return mapping.replace(solution=held), both
 
 
 def _find_prior(mapping: Mapping) -> FocalPrior | None:
@@ -121,63 +116,40 @@ def _get_focal(camera: Camera) -> float:
     return float(camera.params[find_focal_params(camera)[0]])
 
 
-def _hold_focal(
-    mapping: Mapping, flags: np.ndarray, factor: float
-) -> tuple[Solution, list[PairMatches]] | None:
-    """Adjusts everything but the focal length, changed by a factor; None if images are lost.
-
-    Where the structure does not follow so far, it is found from nothing, of pairs verified again.
-    """
+def _hold_focal(mapping: Mapping, flags: np.ndarray, factor: float) -> Solution | None:
+    """Adjusts everything but the focal length, changed by a factor; None if images are lost."""
     solution = mapping.solved
     lens = with_scaled_focal(solution.cameras[0], factor)
     start = dataclasses.replace(solution, cameras=[lens] * len(solution.cameras))
     free = flags.copy()
     free[find_focal_params(lens)] = 0
-    features, options = mapping.features, mapping.options
-    on_step = mapping.log.follow_steps("mapping")
+    adjustment = Adjustment(free, extend=True, turns=mapping.turns)
     try:
         held = adjust_registered(
-            start,
-            features,
-            mapping.pairs,
-            options,
-            on_step,
-            Adjustment(free, extend=True, turns=mapping.turns),
-        )
-        if held.num_registered == solution.num_registered:
-            return held, mapping.pairs
-    except SolveError:
-        pass
-    images = dataclasses.replace(mapping.images, cameras=start.cameras, shutter=None)
-    pairs = verify_matches(images, mapping.raw, options)
-    try:
-        held = solve_poses(images, pairs, options, on_step, Adjustment(free, lens_settled=True))
+            start, mapping.features, mapping.pairs, mapping.options,
+            mapping.log.follow_steps("mapping"), adjustment,
+        )  # fmt: skip
     except SolveError:
         return None
-    if held.num_registered < solution.num_registered:
-        return None
-    return held, pairs
+    return held if held.num_registered == solution.num_registered else None
 
 
 def estimate_focal_sigma(mapping: Mapping, flags: LensFlags, features_sigma: float) -> float:
     """Estimates the standard deviation of the logarithm of the focal length by the images alone.
 
     That of the features' errors, but at least how much the focal length varies when one group of
-    images after the other is left out (the jackknife), or between windows of many images: what
-    features share, a shutter, a lens of another shape and wrong matches hardly raise the residuals.
-    Infinite for fewer than four images. Of several lenses that of the least known one; of many
-    images of several lenses, or of a rig, the features' alone.
+    images after the other is left out (the jackknife): what features share, a shutter, a lens of
+    another shape and wrong matches hardly raise the residuals. Infinite for fewer than four images.
+    Of several lenses that of the least known one; of many images, or several lenses of a rig, the
+    features' alone.
     """
     solution = mapping.solved
     if solution.num_registered < _FEWEST_IMAGES:
         return math.inf
-    spread = 0.0
-    if solution.num_registered > _MOST_LEFT_OUT:
-        if isinstance(flags, np.ndarray):
-            spread = _measure_spread_of_windows(mapping, solution, flags)
-    elif isinstance(flags, np.ndarray) or mapping.photographs.frames is None:
-        spread = _measure_spread_without_groups(mapping, solution, flags)
-    return max(features_sigma, spread)
+    is_of_rig = not isinstance(flags, np.ndarray) and mapping.photographs.frames is not None
+    if solution.num_registered > _MOST_LEFT_OUT or is_of_rig:
+        return features_sigma
+    return max(features_sigma, _measure_spread_without_groups(mapping, solution, flags))
 
 
 def _measure_spread_without_groups(mapping: Mapping, solution: Solution, flags: LensFlags) -> float:
@@ -194,7 +166,7 @@ def _measure_spread_without_groups(mapping: Mapping, solution: Solution, flags: 
     def find_without(group: np.ndarray, on_step: OnStep) -> list[float | None]:
         """Finds the logarithm of each focal length without a group; None: too few are left."""
         kept = np.setdiff1d(images, group)
-        found = _adjust_some(mapping, solution, flags, kept, TRIAL_MATCHES, on_step)
+        found = _adjust_some(mapping, solution, flags, kept, on_step)
         if found is None:
             return [None] * len(estimated)
         own = [np.flatnonzero(found.registered & (of_image == lens)) for lens in estimated]
@@ -209,49 +181,18 @@ def _measure_spread_without_groups(mapping: Mapping, solution: Solution, flags: 
     )
 
 
-def _measure_spread_of_windows(mapping: Mapping, solution: Solution, flags: np.ndarray) -> float:
-    """Measures how well the mean of windows' focal lengths is known, by how far they are apart.
-
-    Each window of images that share many points is adjusted alone, and weighted by the variance of
-    its focal length that its features' errors cause.
-    """
-
-    def find_alone(window: np.ndarray, on_step: OnStep) -> tuple[float, float] | None:
-        """Finds the logarithm of a window's focal length, and its weight; None: undetermined."""
-        found = _adjust_some(mapping, solution, flags, window, _WINDOW_MATCHES, on_step)
-        if found is None:
-            return None
-        try:
-            (known,) = estimate_lens_covariances(found, flags)
-        except SolveError:
-            return None
-        focal = find_focal(found)
-        return math.log(focal), (focal / float(known.sigmas[0])) ** 2
-
-    point, image = solution.observations[:, 0], solution.observations[:, 1]
-    windows = split_windows(image, point, len(solution.names), GROUPS)
-    found = run_trials([functools.partial(find_alone, window) for window in windows])
-    values = np.array([each for each in found if each is not None])
-    if len(values) < 2:
-        return math.inf
-    log, weight = values.T
-    away = weight * (log - np.average(log, weights=weight))
-    return math.sqrt(len(log) / (len(log) - 1) * float(away @ away)) / float(weight.sum())
-
-
 def _adjust_some(
     mapping: Mapping,
     solution: Solution,
     flags: LensFlags,
     images: np.ndarray,
-    matches: int,
     on_step: OnStep,
 ) -> Solution | None:
     """Adjusts some images, by the most distinct matches; None where too few are left."""
     # A focal length without the readout would vary by how the images move.
     registered = np.isin(np.arange(len(solution.names)), images)
     start = dataclasses.replace(solution, registered=registered)
-    pairs = keep_most_distinct(mapping.pairs, matches)
+    pairs = keep_most_distinct(mapping.pairs)
     motion = ReadoutMotion.hold(solution)
     adjustment = Adjustment(
         flags, lens_settled=True, motion=motion, covariances=False, turns=mapping.turns

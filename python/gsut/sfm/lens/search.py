@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -69,7 +68,7 @@ def search_lens(mapping: Mapping) -> Mapping:
     Raises:
         SolveError: nothing could be reconstructed with any lens.
     """
-    lens, flags, pairs, rows = choose_lens(mapping)
+    lens, flags, pairs = choose_lens(mapping)
     try:
         solution = solve_poses(
             mapping.images.with_lens(lens), pairs, mapping.options,
@@ -80,13 +79,10 @@ def search_lens(mapping: Mapping) -> Mapping:
         )  # fmt: skip
     except SolveError as error:
         raise explain_failure(error, mapping.features, pairs, ADVICE) from None
-    searched = mapping.replace(solution=solution, pairs=pairs, lens_free=flags)
-    return searched.add_findings({"lens_search": rows})
+    return mapping.replace(solution=solution, pairs=pairs, lens_free=flags)
 
 
-def choose_lens(
-    mapping: Mapping,
-) -> tuple[Camera, np.ndarray, list[PairMatches], list[dict[str, Any]]]:
+def choose_lens(mapping: Mapping) -> tuple[Camera, np.ndarray, list[PairMatches]]:
     """Estimates the one lens of all photographs from some of them.
 
     First lenses (the photographs' candidates of the database or EXIF, and a ladder of fields of
@@ -97,8 +93,8 @@ def choose_lens(
     image's centre; impossible lenses are rejected.
 
     Returns:
-        The lens, flags of its estimated parameters (see `Adjustment`), the pairs of all
-        photographs verified through a lens near it, and the result of each trial.
+        The lens, flags of its estimated parameters (see `Adjustment`), and the pairs of all
+        photographs verified through a lens near it.
 
     Raises:
         SolveError: see `search_lens`.
@@ -122,7 +118,7 @@ def choose_lens(
         chosen, flags = _choose_model(trials, pairs, best)
     except SolveError as error:
         raise explain_failure(error, mapping.features, pairs, ADVICE) from None
-    return chosen.cameras[0], flags, pairs, trials.rows
+    return chosen.cameras[0], flags, pairs
 
 
 def _solve_first_images(
@@ -142,7 +138,7 @@ def _solve_first_images(
             break
         if number:
             few = trials.verify(lens.camera, wanted)
-        solution = trials.solve(lens.camera, START, keep_most_distinct(few), share=lens.share)
+        solution = trials.solve(lens.camera, START, keep_most_distinct(few))
         tried.append(focal)
         if solution is None:
             continue
@@ -155,8 +151,8 @@ def _solve_first_images(
         ):
             break
     if not found:
-        rejected = [row["refused"] for row in trials.rows if "refused" in row]
-        of_none = f"; the lens found is that of no camera ({rejected[0]})" if rejected else ""
+        refused = trials.refused
+        of_none = f"; the lens found is that of no camera ({refused[0]})" if refused else ""
         raise SolveError(f"no lens tried gives a reconstruction{of_none}")
     return min(found, key=_rank_solution)
 
@@ -237,12 +233,12 @@ class _Trials:
     """Solutions with one lens after the other.
 
     Attributes:
-        rows: the result of each trial, for poses.json.
+        refused: why lenses that trials found are those of no camera.
         share: of the search that is done.
     """
 
     def __init__(self, mapping: Mapping) -> None:
-        self.rows: list[dict[str, Any]] = []
+        self.refused: list[str] = []
         self.share = 0.25
         self._mapping = mapping
 
@@ -258,10 +254,10 @@ class _Trials:
         return verify_matches(own.images.with_lens(lens), raw, own.options)
 
     def solve(
-        self, lens: Camera, flags: np.ndarray, pairs: Sequence[PairMatches], **row: Any
+        self, lens: Camera, flags: np.ndarray, pairs: Sequence[PairMatches]
     ) -> Solution | None:
         """Reconstructs from nothing but matches; None if that fails."""
-        return self._prepare_solve(lens, flags, pairs, **row)(self._show)
+        return self._prepare_solve(lens, flags, pairs)(self._show)
 
     def adjust(
         self,
@@ -283,14 +279,13 @@ class _Trials:
         return run_trials(trials, self._show)
 
     def _prepare_solve(
-        self, lens: Camera, flags: np.ndarray, pairs: Sequence[PairMatches], **row: Any
+        self, lens: Camera, flags: np.ndarray, pairs: Sequence[PairMatches]
     ) -> _Trial:
         images, options = self._mapping.images.with_lens(lens), self._mapping.options
         adjustment = Adjustment(flags, hold_out_every=_HOLD_OUT_EVERY, covariances=False)
-        return self._add_row(
-            lens, flags,
-            lambda on_step: solve_poses(images, pairs, options, on_step, adjustment), row,
-        )  # fmt: skip
+        return self._prepare(
+            lambda on_step: solve_poses(images, pairs, options, on_step, adjustment)
+        )
 
     def _prepare_adjustment(
         self, lens: Camera, flags: np.ndarray, pairs: Sequence[PairMatches], start: Solution
@@ -300,10 +295,9 @@ class _Trials:
         own = select_verified_pairs(pairs, chosen)
         poses = [start.camera_from_world[i] for i in chosen]
         adjustment = Adjustment(flags, hold_out_every=_HOLD_OUT_EVERY, covariances=False)
-        return self._add_row(
-            lens, flags,
-            lambda on_step: adjust_poses(images, own, poses, options, on_step, adjustment), {},
-        )  # fmt: skip
+        return self._prepare(
+            lambda on_step: adjust_poses(images, own, poses, options, on_step, adjustment)
+        )
 
     def _show(
         self, done: int, total: int, points: int, step: str, look: Callable[[], Solution]
@@ -312,39 +306,18 @@ class _Trials:
         self._mapping.log.show_share("lens", self.share, text)
         self._mapping.log.show_poses(look)
 
-    def _add_row(
-        self,
-        lens: Camera,
-        flags: np.ndarray,
-        run: Callable[[OnStep], Solution],
-        more: dict[str, Any],
-    ) -> _Trial:
-        """Adds the row of a trial; returns what runs it and completes the row."""
-        row: dict[str, Any] = {
-            "model": lens.model,
-            "estimated": len(set(flags[flags > 1])) + int((flags == 1).sum()),
-            "start": list(map(float, lens.params)),
-            **more,
-        }
-        self.rows.append(row)
+    def _prepare(self, run: Callable[[OnStep], Solution]) -> _Trial:
+        """Returns what runs a trial; None where it fails, or finds the lens of no camera."""
 
         def try_lens(on_step: OnStep) -> Solution | None:
             try:
                 found = run(on_step)
-            except SolveError as error:
-                row.update(registered=0, failure=str(error))
+            except SolveError:
                 return None
-            row.update(
-                params=list(map(float, found.cameras[0].params)),
-                registered=found.num_registered,
-                points=len(found.points),
-                held_out_px=found.held_out,
-                rms_px=found.rms,
-            )
             reason = explain_implausible(found.cameras[0], self._mapping.features)
             if reason is None:
                 return found
-            row["refused"] = reason
+            self.refused.append(reason)
             return None
 
         return try_lens

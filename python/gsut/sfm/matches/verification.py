@@ -23,9 +23,6 @@ _MOST_WEIGHT = 300  # matches of a pair, beyond which its rotation is no more ce
 _FEW_IMAGES = 10  # below this more images are suggested
 _LITTLE_PARALLAX = 1.5  # degrees, below which the camera is said to have hardly moved
 _ALMOST_NO_FEATURES = 50  # of an image without texture, out of focus or dark
-_SAME_PARALLAX = 0.02  # degrees: less is the error of the features
-_SAME_TURN = 0.05  # degrees: less is the error of the features
-_TURNED_SHARE = 0.9  # of a pair's matches: a rotation explains them
 _POOR = 2  # severity of the faults that are named
 _DARK = 25  # mean grey value of the features of an underexposed picture, of 255
 _BRIGHT = 235  # mean grey value of the features of an overexposed picture, of 255
@@ -155,13 +152,13 @@ def _measure_offsets(
 
 
 def require_overlap(images: Images, pairs: Sequence[PairMatches], *, is_lens_known: bool) -> None:
-    """Rejects images that nothing can be reconstructed from.
+    """Rejects images of which no two overlap.
 
     Args:
         pairs: verified matches.
 
     Raises:
-        SolveError: no overlap, images that are all the same, or a camera that only turned.
+        SolveError: no two images have matches that agree.
     """
     if not pairs:
         few = [
@@ -180,21 +177,6 @@ def require_overlap(images: Images, pairs: Sequence[PairMatches], *, is_lens_kno
             f"things or overlap too little{lens}; give photographs of one place, each overlapping "
             "the next by more than half"
         )
-    parallax = np.array([pair.parallax for pair in pairs])
-    if any(pair.rotation_matches <= _TURNED_SHARE * len(pair.matches) for pair in pairs):
-        return
-    if np.degrees(np.median(parallax)) < _SAME_PARALLAX or all(map(_is_same_view, pairs)):
-        raise SolveError(ALL_SAME)
-    raise SolveError(
-        f"in all {len(pairs)} overlapping pairs the camera only turned, so there is no depth; walk "
-        "between the photographs instead of turning on the spot"
-    )
-
-
-def _is_same_view(pair: PairMatches) -> bool:
-    """Returns whether the second image is not turned against the first."""
-    turn = np.arccos(np.clip((np.trace(pair.second_from_first[:3, :3]) - 1) / 2, -1, 1))
-    return bool(np.degrees(turn) < _SAME_TURN)
 
 
 def explain_failure(

@@ -48,13 +48,12 @@ def write_poses(mapping: Mapping, folder: Path, made_from: str) -> dict[str, Any
         made_from: digest of all that the poses depend on.
     """
     solution, found, log = mapping.solved, mapping.found, mapping.log
-    of_lens, figures = compare_lens(mapping)
     models = write_models(found.models, mapping.photographs, folder)
-    log.note(*list_notes(mapping, of_lens), *models)
+    log.note(*list_notes(mapping, compare_lens(mapping)), *models)
     verdict = judge_solution(solution, mapping.features, found)
     look_alikes = found.look_alikes
     is_measured = found.halves_px is not None and math.isfinite(sum(found.halves_px))
-    figures = found.figures | figures | {
+    figures = found.figures | {
         "matches_in_points": found.agreement,
         "contradicted_pairs": found.contradicted,
         "halves_px": found.halves_px if is_measured else None,

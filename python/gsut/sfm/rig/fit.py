@@ -14,10 +14,8 @@ from gsut.files import to_file_name
 from gsut.lens import save_camera
 from gsut.sfm.mapping import Mapping, RigFit
 from gsut.sfm.photographs import make_no_features
-from gsut.sfm.rig.description import add_uncertainty, describe_rig, list_rig_notes
-from gsut.sfm.rig.join import join_models_of_cameras
+from gsut.sfm.rig.description import describe_rig, list_rig_notes
 from gsut.sfm.rig.motion import find_body_motion, list_readings
-from gsut.sfm.rig.observability import estimate_mount_uncertainty
 from gsut.sfm.rig.start import place_rig
 from gsut.sfm.solution import (
     CENTER,
@@ -42,11 +40,10 @@ def solve_rig(mapping: Mapping) -> Mapping:
     """Estimates poses and points in the rig's unit, with one pose of the rig a frame.
 
     First each image by itself, through its own lens, unless the search of an unknown lens placed
-    them; models of cameras that see nothing in common are joined by the rig. Then the rig's pose
-    at each frame from the images placed, the scale from its baselines, and all images' poses from
-    the rig's; then bundle adjustment of all observations with one pose a frame, and of unknown
-    lenses. Frames without a placed image are placed by the points found; those that do not connect
-    become models of their own.
+    them. Then the rig's pose at each frame from the images placed, the scale from its baselines,
+    and all images' poses from the rig's; then bundle adjustment of all observations with one pose a
+    frame, and of unknown lenses. Frames without a placed image are placed by the points found;
+    those that do not connect become models of their own.
 
     Returns:
         The run with the solution, flags of the lenses, the fit of the rig and further models.
@@ -63,8 +60,7 @@ def solve_rig(mapping: Mapping) -> Mapping:
             mapping.images, mapping.pairs, options, mapping.log.follow_steps("mapping")
         )
         mapping = mapping.replace(solution=alone)
-    joined = join_models_of_cameras(mapping, rig)
-    mapping = mapping.replace(solution=joined, lens_free=_free_centers(mapping.lens_free))
+    mapping = mapping.replace(lens_free=_free_centers(mapping.lens_free))
     placed = [put_on_rig(mapping, rig, options.refine_rig)]
     placed += _place_further_frames(mapping, rig, placed[0][0])
     placed.sort(key=lambda each: -each[0].num_registered)
@@ -163,9 +159,6 @@ def put_on_rig(
     readings = list_readings(solution, photographs.rig_cameras, seconds)
     now = dataclasses.replace(now, readings=readings)
     figures = describe_rig(photographs, (rig, now), start, alone, solution)
-    if adjust:
-        uncertainty = estimate_mount_uncertainty(solution, constraint)
-        add_uncertainty(figures, uncertainty)
     return solution, RigFit(now, figures, list_rig_notes(rig, figures))
 
 

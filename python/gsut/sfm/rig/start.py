@@ -102,7 +102,7 @@ def place_rig(
             f"no frame has two images with poses, so the baseline of {rig.source} sets no scale: "
             f"{int(registered.sum())} of {len(registered)} images were placed by themselves, in "
             f"{sum(len(m) > 0 for m in groups)} of {len(groups)} frames; the cameras must see "
-            "parts of one scene, at the same frame or later, or else the rig must turn"
+            "parts of one scene, at the same frame or later"
         )
     per_unit = _find_weighted_median(np.array(scales), np.array(weights))
     if per_unit <= 0.0:

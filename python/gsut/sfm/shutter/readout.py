@@ -1,32 +1,27 @@
-"""Estimates a readout time from the velocities of a video's frames, or from residuals and flow.
+"""Estimates a readout time from the residuals and the flow of a video.
 
-From a solution with a rolling shutter the time follows from its velocities. From one without it is
-found by one step of Gauss-Newton: the flow of the video shows how fast the camera moved in each
-image, so that a rolling shutter has one unknown, its readout time. Poses, points and the lens are
-free too: what they can explain is no evidence. A free velocity for each image would bend the scene
-instead (Albl et al., "Degeneracies in rolling shutter SfM", ECCV 2016). Errors of the velocities
-make the time look shorter by a share that is estimated (Fuller, "Measurement Error Models", 1987,
-section 1.2). Residuals of successive images are correlated: the standard deviation is that of
-independent groups of images (Liang and Zeger, "Longitudinal data analysis using generalized linear
-models", 1986).
+It is found by one step of Gauss-Newton: the flow of the video shows how fast the camera moved in
+each image, so that a rolling shutter has one unknown, its readout time. Poses, points and the lens
+are free too: what they can explain is no evidence. A free velocity for each image would bend the
+scene instead (Albl et al., "Degeneracies in rolling shutter SfM", ECCV 2016). Errors of the
+velocities make the time look shorter by a share that is estimated (Fuller, "Measurement Error
+Models", 1987, section 1.2). Residuals of successive images are correlated: the standard deviation
+is that of independent groups of images (Liang and Zeger, "Longitudinal data analysis using
+generalized linear models", 1986).
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 
 import numpy as np
 
-from gsut import _core
 from gsut.lens import Camera
 from gsut.sfm.lens import GROUPS, WeightedObservations
-from gsut.sfm.photographs import order_by_folder
 from gsut.sfm.solution import FEATURE_VARIANCE, Solution, transform_to_cameras
 
-_FEWEST_FRAMES = 6  # with neighbours: fewer do not show how well the time explains them
-_LEAST_EXPLAINED = 0.5  # of the velocities' squares, below which the frames are no video
 _TINY = 1e-300  # keeps quotients finite
 _DRAWS = 4  # of the velocities' errors: their mean is known to a fifth
 _LEAST_RELIABLE = 0.5  # larger errors of the velocities are not known well enough
@@ -35,64 +30,6 @@ _NEAR = 0.08  # of the diagonal: farther points do not show the depth of a corne
 _NEAREST = 3  # points that the depth of a corner is taken from
 _ROUNDS = 10  # of robust weights: they have settled after five or six
 _STEP = 1e-4  # of the central differences, in radians and shares of the median distance
-
-
-@dataclasses.dataclass(frozen=True)
-class ReadoutTime:
-    """A readout time and how well it explains the velocities.
-
-    Args:
-        time: from the first line to the last, as a share of the time between two frames.
-        explained: share of the velocities' squares that this time explains, at most 1.
-    """
-
-    time: float
-    explained: float
-
-
-def estimate_readout_time(names: Sequence[str], solution: Solution) -> ReadoutTime | None:
-    """Estimates the readout time that best relates motion between frames to that within them.
-
-    Turns and shifts count alike: each is divided by its root mean square. By least squares with
-    weights that fall off for frames that do not fit (a jerk between frames is no velocity).
-
-    Args:
-        names: of the images; the last number of each counts the frames.
-        solution: with a rolling shutter.
-
-    Returns:
-        None for a global shutter, for too few frames, or if no time explains the velocities: the
-        images are then no video, or their numbers do not count its frames.
-    """
-    if solution.velocities is None:
-        return None
-    times, folders = order_by_folder(names)
-    readouts = np.ones(len(times)) if solution.lines is None else solution.lines.readouts
-    own, between = [], []
-    for folder in range(int(folders.max(initial=-1)) + 1):
-        wanted = solution.registered & (folders == folder) & (readouts > 0)
-        order = [int(i) for i in np.argsort(times, kind="stable") if wanted[i]]
-        for before, image, after in zip(order, order[1:], order[2:], strict=False):
-            middle = solution.camera_from_world[[before, after]]
-            between.append(_core.velocity_between(*middle) / (times[after] - times[before]))
-            own.append(solution.velocities[image] / readouts[image])
-    if len(own) < _FEWEST_FRAMES:
-        return None
-    x, y = np.array(between).reshape(-1, 2, 3), np.array(own).reshape(-1, 2, 3)
-    size = np.sqrt((y**2).sum(axis=2).mean(axis=0)).reshape(1, 2, 1)
-    if not (size > 0).all():
-        return None
-    x, y = (x / size).reshape(-1, 6), (y / size).reshape(-1, 6)
-    weight = np.ones(len(x))
-    time = 0.0
-    for _ in range(20):
-        time = float((weight * (x * y).sum(axis=1)).sum() / (weight * (x**2).sum(axis=1)).sum())
-        squared = ((y - time * x) ** 2).sum(axis=1)
-        weight = 1 / (1 + squared / max(float(np.median(squared)), 1e-12))
-    explained = 1 - float(np.median(squared) / np.median((y**2).sum(axis=1)))
-    if explained < _LEAST_EXPLAINED or time <= 0:
-        return None
-    return ReadoutTime(time, explained)
 
 
 @dataclasses.dataclass(frozen=True)

@@ -17,6 +17,7 @@ from gsut.gaussians import rotate_upright
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.solution import Solution, similarity_from_points
 from gsut.sfm.world.place_priors import Adjust, adjust_near_places
+from gsut.sfm.world.positions import EARTH_RADIUS, ECCENTRICITY_2
 from gsut.sfm.world.up import (
     FEWEST,
     MOST_TILT,
@@ -28,8 +29,6 @@ from gsut.sfm.world.up import (
 
 _UP = (0.0, -1.0, 0.0)  # in the world, once it is known
 _UP_UNKNOWN = "not known"  # of the figure "up"
-_EARTH_RADIUS = 6378137.0  # metres, semi-major axis of WGS 84
-_ECCENTRICITY_2 = 6.69437999014e-3  # squared, of WGS 84
 _FEWEST_PLACES = 5  # different places
 _SAMPLES = 300  # pairs of places that an alignment is fitted to
 _SAME_PLACE = 0.3  # metres within which places are the same
@@ -172,10 +171,10 @@ def move_to_earth(solution: Solution, earth: Earth) -> Solution:
 def _convert_to_metres(places: np.ndarray, origin: np.ndarray) -> np.ndarray:
     """Converts places to (N, 3) east, down, north of an origin, in metres on the ellipsoid."""
     latitude = math.radians(origin[0])
-    shape = 1 - _ECCENTRICITY_2 * math.sin(latitude) ** 2
+    shape = 1 - ECCENTRICITY_2 * math.sin(latitude) ** 2
     across, along = (
-        _EARTH_RADIUS / math.sqrt(shape),
-        _EARTH_RADIUS * (1 - _ECCENTRICITY_2) / shape**1.5,
+        EARTH_RADIUS / math.sqrt(shape),
+        EARTH_RADIUS * (1 - ECCENTRICITY_2) / shape**1.5,
     )
     off = places - origin
     turn = (off[:, 1] + 180) % 360 - 180

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from gsut._core import InputError
+from gsut.bounds import name_wrong_kinds
 from gsut.data import Scene, load_dataset
 from gsut.data.scene import digest_scene
 from gsut.formats import load_ply, open_ply
@@ -110,6 +111,7 @@ class TrainedRun(NamedTuple):
     light: Light | None
 
 
+@name_wrong_kinds
 def load_run(
     folder: str | os.PathLike[str], data: str | os.PathLike[str] | None = None
 ) -> TrainedRun:
