@@ -1,4 +1,4 @@
-"""Disturbs poses, lenses, points and rigs by known amounts."""
+"""Disturbs poses, lenses, points and rigs by known amounts, and measures what is left."""
 
 from __future__ import annotations
 
@@ -38,6 +38,13 @@ class Disturbance:
         return bool(self.focal or self.first_coefficient)
 
 
+DISTURBANCES = (
+    Disturbance("small", degrees=0.5, distance=0.02),
+    Disturbance("large", degrees=2.0, distance=0.08),
+    Disturbance("lens", focal=0.02, first_coefficient=0.2),
+)
+
+
 def disturb_pose(
     rng: np.random.Generator, camera_from_world: np.ndarray, degrees: float, distance: float
 ) -> np.ndarray:
@@ -71,6 +78,13 @@ def disturb_scene(scene: Scene, by: Disturbance, seed: int) -> Scene:
     if by.of_lens:
         out = out.with_lenses([_disturb_lens(camera, by) for camera in scene.file_cameras])
     return out
+
+
+def measure_lens_errors(scene: Scene, truth: Scene) -> tuple[float, float]:
+    """Returns relative errors of the focal length and the first coefficient (NaN where it is 0)."""
+    found, true = scene.file_cameras[0].params, truth.file_cameras[0].params
+    first = abs(found[4] / true[4] - 1.0) if len(true) > 4 and true[4] else float("nan")
+    return float(np.mean(np.abs(found[:2] / true[:2] - 1.0))), float(first)
 
 
 def _disturb_lens(camera: Camera, by: Disturbance) -> Camera:

@@ -7,16 +7,20 @@ light drifts, the sensor is noisy, and H.264 compresses.
 from __future__ import annotations
 
 import dataclasses
+import fractions
 import math
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import numpy as np
 
 from gsut._core import num_threads
+from gsut.data.poses import invert_pose
 from gsut.lens import Camera
 from lab.demo_tracer.hall import make_hall
 from lab.demo_tracer.tracing import Tracer
+from tests.python.small_videos import turn_by_quarter
 
 # World-from-camera poses (N, 4, 4) at times (N,) in seconds.
 Path4 = Callable[[np.ndarray], np.ndarray]
@@ -40,8 +44,15 @@ class Film:
         frame_rate: frames a second.
         readout: seconds from the first row to the last; below 0: from the last to the first.
         exposure: seconds.
+        crf: of H.264: 18 hardly visible, 28 rough.
         samples: rays a pixel: also moments within the exposure.
         seed: of the hall's textures and of the noise.
+        sideways: a phone held upright: columns are read one after the other, and the file holds
+            lying pictures with the flag that turns them.
+        back: a second lens of the same size, whose pictures stand at the right of those of the
+            first; where a lens has no ray its pictures are black.
+        back_from_front: (4, 4) of it.
+        back_readout: seconds of its readout; None: as that of the first.
     """
 
     camera: Camera
@@ -50,8 +61,25 @@ class Film:
     frame_rate: float = 12.0
     readout: float = 0.016
     exposure: float = 0.008
+    crf: int = 22
     samples: int = 3
     seed: int = 1
+    sideways: bool = False
+    back: Camera | None = None
+    back_from_front: np.ndarray | None = None
+    back_readout: float | None = None
+
+    @property
+    def readouts(self) -> list[float]:
+        """Seconds of each lens' readout."""
+        return [self.readout, self.readout if self.back_readout is None else self.back_readout]
+
+    @property
+    def lenses(self) -> list[tuple[Camera, np.ndarray]]:
+        """Each lens with its (4, 4) front_from_lens."""
+        if self.back is None or self.back_from_front is None:
+            return [(self.camera, np.eye(4))]
+        return [(self.camera, np.eye(4)), (self.back, invert_pose(self.back_from_front))]
 
     @property
     def times(self) -> np.ndarray:
@@ -128,14 +156,37 @@ def look_along(
     return poses
 
 
+def write_film(film: Film, target: Path) -> None:
+    """Writes the film: H.264 in MP4."""
+    import av
+
+    camera = film.camera
+    with av.open(str(target), "w") as out:
+        rate = fractions.Fraction(film.frame_rate).limit_denominator(1001)
+        stream = out.add_stream("libx264", rate=rate, options={"crf": str(film.crf)})
+        size = camera.width * len(film.lenses), camera.height
+        stream.width, stream.height = size[::-1] if film.sideways else size
+        stream.pix_fmt = "yuv420p"
+        for picture in trace_frames(film):
+            stored = np.ascontiguousarray(np.rot90(picture)) if film.sideways else picture
+            out.mux(stream.encode(av.VideoFrame.from_ndarray(stored, format="rgb24")))
+        out.mux(stream.encode(None))
+    if film.sideways:
+        turn_by_quarter(target, camera.height)
+
+
 def trace_frames(film: Film) -> Iterator[np.ndarray]:
     """Yields each frame before compression: (H, W, 3) uint8 RGB."""
     rng = np.random.default_rng([film.seed, 6])
     tracer = Tracer(make_hall(film.seed), film.samples)
-    rays = spread_rays(film.camera, film.samples)
+    lenses = [(spread_rays(camera, film.samples), pose) for camera, pose in film.lenses]
     with ThreadPoolExecutor(num_threads()) as pool:
         for time in film.times:
-            image = _expose(film, tracer, rays, time, pool)
+            parts = [
+                _expose(film, tracer, rays, pose, time, pool, readout)
+                for (rays, pose), readout in zip(lenses, film.readouts, strict=False)
+            ]
+            image = np.hstack(parts)
             angle = 2 * math.pi * time / _DRIFT_SECONDS
             gain = 1 + _DRIFT * math.sin(angle) + _TINT * np.sin(angle / 2 + np.arange(3))
             noisy = 255 * image * gain + _NOISE * rng.standard_normal(image.shape)
@@ -157,24 +208,28 @@ def _expose(
     film: Film,
     tracer: Tracer,
     rays: np.ndarray,
+    front_from_lens: np.ndarray,
     time: float,
     pool: ThreadPoolExecutor,
+    readout: float,
 ) -> np.ndarray:
-    """Returns (H, W, 3) in [0, 1]: what the lens sees in the frame whose middle is at this time."""
+    """Returns (H, W, 3) in [0, 1]: what a lens sees in the frame whose middle is at this time."""
     samples, height, width, _ = rays.shape
-    of_line = ((np.arange(height) + 0.5) / height - 0.5) * film.readout
+    lines = width if film.sideways else height
+    of_line = ((np.arange(lines) + 0.5) / lines - 0.5) * readout
     # Neighbouring samples of a pixel are far apart in time.
     order = np.argsort(np.arange(samples) * 0.618 % 1.0)
     of_sample = ((order + 0.5) / samples - 0.5) * film.exposure
-    poses = film.path((time + of_line + of_sample[:, None]).ravel())
-    poses = poses.reshape(samples, height, 4, 4).astype(np.float32)
+    poses = film.path((time + of_line + of_sample[:, None]).ravel()) @ front_from_lens
+    poses = poses.reshape(samples, lines, 4, 4).astype(np.float32)
 
     def trace_block(block: tuple[slice, slice]) -> np.ndarray:
         own = rays[:, block[0], block[1]]
         seen = own.any(axis=3)
         if not seen.any():
             return np.zeros((*own.shape[1:3], 3))
-        at = poses[:, block[0], None]
+        line = 2 if film.sideways else 1
+        at = np.expand_dims(poses[:, block[line - 1]], 3 - line)
         rotation = at[..., :3, :3]
         directions = sum(rotation[..., k] * own[..., k, None] for k in range(3))
         origins = np.broadcast_to(at[..., :3, 3], directions.shape)

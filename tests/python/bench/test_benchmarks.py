@@ -74,6 +74,17 @@ def test_compact_measures_the_whole_model_methods_and_rivals(hall):
     assert rows["hall, ghap, 0.5"]["cpu_seconds"] > whole["cpu_seconds"]
 
 
+@pytest.mark.slow
+def test_refine_measures_what_is_left_of_a_disturbance(hall):
+    options = {"steps": 20, "max_gaussians": 300, "disturbances": ("small", "lens")}
+    rows = run_bench("refine", hall, **options)
+    small = "hall, 0.5 degrees, 2 cm"
+    assert rows["hall, nothing, plain"]["rotation_degrees"] < 1e-6
+    assert rows[f"{small}, plain"]["rotation_degrees"] > 0.05
+    assert rows[f"{small}, refined"]["psnr"] > 5
+    assert rows["hall, focal 2 %, k1 20 %, plain"]["focal_percent"] == pytest.approx(2.0)
+
+
 def test_lens_is_judged_by_where_its_rays_go(tmp_path, rng):
     from disturbances import Disturbance, disturb_scene
     from gsut.refine.trust import measure_lens_distance

@@ -1,4 +1,4 @@
-"""Benchmarks of captures: poses and pycolmap, a command that is watched."""
+"""Benchmarks of captures: films, poses and pycolmap, a command that is watched."""
 
 import json
 
@@ -9,7 +9,7 @@ import gsut
 import tolerances
 from demo_hall import write_hall
 from tests.bench import pycolmap_poses
-from tests.bench.harness import WRONG
+from tests.bench.harness import WRONG, Settings
 from tests.bench.poses_bench import (
     BENCHMARK,
     KNOWN,
@@ -19,6 +19,28 @@ from tests.bench.poses_bench import (
     measure_auc,
     measure_pycolmap,
 )
+from tests.bench.walk_bench import FILMS, measure_lens_difference, resize_film
+
+
+def test_films_of_the_database_are_read_in_the_order_of_their_sensor():
+    assert FILMS["action camera"](8.0).readout == pytest.approx(0.0166)
+    assert FILMS["read upwards"](8.0).readout < 0
+    upright = FILMS["phone upright"](8.0)
+    # The sensor's first row is the last column of the upright picture.
+    assert upright.sideways and upright.readout < 0
+    assert upright.camera.width < upright.camera.height
+
+
+def test_film_of_another_size_has_the_same_lens():
+    film = FILMS["dual fisheye"](8.0)
+    wanted = Settings({"scale": 0.5, "samples": 2, "frame_rate": 5.0})
+    small = resize_film(film, wanted)
+    assert (small.camera.width, small.back.width, len(small.times)) == (192, 192, 40)
+    assert measure_lens_difference(small.camera.resize(384, 384), film.camera) < 1e-9
+
+
+# Poses.
+
 
 VIEWS = 20
 

@@ -139,6 +139,8 @@ def test_each_benchmark_declares_columns_that_name_its_rows(name, tmp_path, monk
         (("train", "--sets", "absent"), "the data of all rows is missing"),
         (("compact", "--methods", "best"), "known: ghap"),
         (("compact", "--keep", "0"), "keep must be above 0"),
+        (("refine", "--disturbances", "huge"), "takes small, large, lens"),
+        (("walk", "--films", "slow"), "no film 'slow'"),
     ],
 )
 def test_wrong_words_are_refused_in_one_sentence(capsys, monkeypatch, words, message):
