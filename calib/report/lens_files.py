@@ -1,9 +1,8 @@
-"""Writes solved lenses as files of mrcal, OpenCV, OCamCalib or MATLAB, with their trusted field."""
+"""Writes solved lenses as files of mrcal, OpenCV or OCamCalib, with their trusted field."""
 
 from __future__ import annotations
 
 import ast
-import fnmatch
 import json
 from pathlib import Path
 
@@ -21,10 +20,6 @@ ANGLE_KEY = "gsut_valid_field_angle"  # radians
 SIGMA_KEY = "gsut_uncertainty_px"  # rows of the map over the image, corner to corner
 NO_SIGMA = -1.0  # marks pixels where the lens has no ray
 _DIGITS = 6  # decimals of the map, in pixels
-# Names of files whose formats hold neither a fisheye lens nor a trusted field, and gsut's names of
-# the formats.
-_FOREIGN = {"*.txt": "ocam", "*matlab*.json": "matlab"}
-_MATLAB_PARAMS = 9  # of an ocam lens: MATLAB's polynomials have four coefficients
 
 
 def write_lens(path: Path, camera: CameraSolution, trust: Trust, origin: str) -> list[str]:
@@ -32,9 +27,8 @@ def write_lens(path: Path, camera: CameraSolution, trust: Trust, origin: str) ->
 
     mrcal has no Kannala-Brandt lens: a .cameramodel then holds the splined lens that is nearest to
     it, and a .yaml beside it the exact one. OpenCV's formats hold neither the uncertainty, which
-    goes to NAME.uncertainty.json, nor splined lenses. OCamCalib's calib_results.txt, and MATLAB's
-    JSON for a fisheye or rational lens, hold the nearest lens that they have; a .yaml beside them
-    holds the exact one.
+    goes to NAME.uncertainty.json, nor splined lenses. A .txt, as OCamCalib's calib_results.txt,
+    holds the nearest lens that it has; a .yaml beside it holds the exact one.
 
     Args:
         path: the file. camera: the solution. trust: how far it holds.
@@ -46,9 +40,8 @@ def write_lens(path: Path, camera: CameraSolution, trust: Trust, origin: str) ->
     Raises:
         BoardError: the format cannot hold this lens.
     """
-    for pattern, format in _FOREIGN.items():
-        if fnmatch.fnmatchcase(path.name.lower(), pattern):
-            return _write_foreign(path, format, camera, trust)
+    if path.suffix.lower() == ".txt":
+        return _write_ocam(path, camera, trust)
     if path.suffix.lower() != ".cameramodel":
         return _write_opencv(path, camera, trust)
     notes = []
@@ -90,18 +83,13 @@ def _write_opencv(path: Path, camera: CameraSolution, trust: Trust) -> list[str]
     return [f"{side.name} holds the uncertainty of {path.name}"]
 
 
-def _write_foreign(path: Path, format: str, camera: CameraSolution, trust: Trust) -> list[str]:
-    """Writes the nearest lens that the format holds, and the exact one as .yaml beside it."""
+def _write_ocam(path: Path, camera: CameraSolution, trust: Trust) -> list[str]:
+    """Writes the nearest lens of OCamCalib, and the exact one as .yaml beside it."""
     exact = path.with_suffix(".yaml")
     notes = _write_opencv(exact, camera, trust)
     lens = to_gsut_camera(camera).with_valid_field_angle(trust.valid_angle)
-    if format == "ocam":
-        near = convert_camera(lens, "ocam")
-    elif camera.lens == "fisheye":
-        near = convert_camera(lens, "ocam", num_params=_MATLAB_PARAMS)
-    else:
-        near = convert_camera(lens, "opencv5")
-    save_camera(near.camera, path, format)
+    near = convert_camera(lens, "ocam")
+    save_camera(near.camera, path, "ocam")
     return [
         *notes,
         f"{path.name}: this is the {near.camera.model} lens nearest to the solved one, "

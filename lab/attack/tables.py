@@ -133,7 +133,7 @@ def list_film_cases() -> Iterator[Case]:
         ),
         "pasted from two": (
             lambda folder: (folder / walk).write_bytes(2 * (folder / walk).read_bytes()),
-            "walk.mp4 is 2 films pasted together",
+            "walk.mp4 is 2 films pasted together, of which the first is read",
         ),
         "cut to another place": (
             lambda folder: write_video(folder / walk, draw_places()), "walk.mp4 is cut at"

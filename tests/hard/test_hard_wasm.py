@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from test_hard_matrix import CASES
 
-from core_in_node import digest, draw_in_browser, draw_in_node, draw_natively, hold_least_isa
+from core_in_node import draw_in_node, draw_natively, hold_least_isa
 from random_scenes import rng_of
 
 
@@ -31,9 +31,3 @@ def test_core_hard_cases_have_the_bits_of_native_scalar(tmp_path, cases):
     drawn = draw_in_node(tmp_path, jobs)
     for number, (image, native) in enumerate(zip(drawn, images, strict=True)):
         np.testing.assert_array_equal(image, native, err_msg=str(number))
-
-
-@pytest.mark.filterwarnings("ignore:of [0-9]+ Gaussians:RuntimeWarning")
-def test_core_hard_cases_in_chromium_have_the_bits_of_native_scalar(tmp_path, cases):
-    jobs, images = cases
-    assert draw_in_browser(tmp_path, jobs) == [digest(native) for native in images]

@@ -1,7 +1,6 @@
 """Tolerances of frames chosen from videos."""
 
 CAPTURE_FLOW_SPEED = 0.06  # of the fastest: the fifth order that is left out, 0.058; worst 0.051
-FRAME_SECONDS = 1e-6  # s, of the microseconds of a film's duration; worst 1e-15
 TURNS_CLOCK_SECONDS = 1e-9  # linear in doubles; worst 1e-15
 # Quaternions are stored to 1 / 32767, over a frame of a thirtieth of a second; worst 1.4e-3.
 TURNS_OF_ORIENTATIONS = 2.8e-3

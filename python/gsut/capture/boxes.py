@@ -1,15 +1,12 @@
-"""Lists the boxes of MP4 and MOV files, splits films, and checks what their tables claim."""
+"""Lists the boxes of MP4 and MOV files, and checks what their tables claim."""
 
 from __future__ import annotations
 
-import contextlib
-import itertools
 import os
 import struct
-import types
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 from gsut._core import InputError
 from gsut.files import open_binary
@@ -22,8 +19,6 @@ _TABLES = {
     **dict.fromkeys((b"stco", b"stss", b"stps"), (4, 4)),
     **dict.fromkeys((b"stsc", b"elst"), (4, 12)), b"stsz": (8, 4), b"trun": (4, 0),
 }  # fmt: skip
-# Films pasted into one file: more than the hours that a battery lasts, a minute each.
-_MOST_FILMS = 1000
 _MOST_DEPTH = 8  # of boxes in boxes; tables are five deep
 
 
@@ -89,47 +84,10 @@ def list_boxes(file: BinaryIO, end: int, begin: int = 0) -> Iterator[tuple[bytes
         at += length
 
 
-def open_slice(path: Path, begin: int, end: int) -> Any:
-    """Opens bytes [begin, end) of a file as FFmpeg takes a file of its own: an object."""
-    opened = contextlib.ExitStack()
-    file = opened.enter_context(open_binary(path))
-
-    def read(size: int) -> bytes:
-        return file.read(max(0, min(size, end - file.tell())))
-
-    def seek(offset: int, whence: int = os.SEEK_SET) -> int:
-        starts = {os.SEEK_SET: begin, os.SEEK_CUR: file.tell(), os.SEEK_END: end}
-        return file.seek(max(begin, starts[whence] + offset)) - begin
-
-    seek(0)
-    return types.SimpleNamespace(
-        read=read, seek=seek, tell=lambda: file.tell() - begin, close=opened.close
-    )
-
-
-def split_films(path: Path) -> list[tuple[int, int]]:
-    """Returns the bytes [begin, end) of each film in an MP4 or MOV: of several if pasted together.
-
-    A film begins with its type and has an index; of a file of another kind there is none.
-
-    Raises:
-        InputError: there are more than anybody pastes together.
-    """
-    size = path.stat().st_size
-    films: list[tuple[int, int]] = []
-    begin, has_index = None, False
+def count_films(path: Path) -> int:
+    """Counts the indices of an MP4 or MOV: several where films were pasted into one file."""
     with open_binary(path) as file:
-        for kind, start, _ in itertools.chain(list_boxes(file, size), [(b"ftyp", size + 8, 0)]):
-            if kind == b"ftyp":
-                if begin is not None and has_index:
-                    films.append((begin, start - 8))
-                begin, has_index = start - 8, False
-            has_index |= kind == b"moov"
-    if len(films) > _MOST_FILMS:
-        raise InputError(
-            f"{path}: {len(films):,} films in one file, and {_MOST_FILMS:,} are the most: damaged"
-        )
-    return films
+        return sum(kind == b"moov" for kind, _, _ in list_boxes(file, path.stat().st_size))
 
 
 def is_without_index(path: Path) -> bool:

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.capture.boxes import check_tables, is_without_index, open_slice, split_films
+from gsut.capture.boxes import check_tables, count_films, is_without_index
 from gsut.capture.streams import find_quarter_turns, is_mirrored, is_woven, list_films, show_upright
 from gsut.files import check_regular, find_kind, open_binary, register_reader
 
@@ -72,8 +72,6 @@ class Video:
         damaged: seconds of the frames read so far that are damaged, refer to damaged ones, or
             (`resized` of them) have another size than the first.
 
-    Films pasted into one file (MP4, MOV) are read one after another.
-
     Raises:
         InputError: no video, a missing index, or a codec that cannot be decoded.
     """
@@ -86,13 +84,12 @@ class Video:
             raise InputError(f"{path}: no such file; give a video or a folder of photographs")
         self._container = _open_video(self.path)
         stream = list_films(self._container)[0]
-        self._unread: list[int] = []
-        self._frames = _decode_films(self.path, self._container, 0, self._unread)
+        self._frames = _decode_film(self._container, 0)
         self._other: Iterator[_Timed] | None = None
         if beside is not None:
             self._beside = _open_video(Path(beside))
             number = int(Path(beside) == self.path)
-            self._other = _decode_films(Path(beside), self._beside, number, [])
+            self._other = _decode_film(self._beside, number)
         self.frame_rate = float(stream.guessed_rate or 0) or _USUAL_RATE
         self.duration = (self._container.duration or 0) / _DURATION_UNITS
         self.frame_count = stream.frames or round(self.duration * self.frame_rate)
@@ -154,13 +151,11 @@ class Video:
     def list_notes(self, count: int) -> list[str]:
         """Lists what is wrong with the file and its `count` frames read, one sentence each."""
         name, notes = self.path.name, []
-        films = len(split_films(self.path))
+        films = count_films(self.path)
         if films > 1:
-            numbers = ", ".join(map(str, self._unread))
-            unread = f"; of another size or damaged, and left out: film {numbers}"
             notes.append(
-                f"{name} is {films} films pasted together, read one after another"
-                + (unread if numbers else "")
+                f"{name} is {films} films pasted together, of which the first is read; give each "
+                "as a file of its own"
             )
         if self._curve:
             notes.append(
@@ -253,39 +248,15 @@ def read_stream_start(
     return (np.array(pictures), about) if pictures else None
 
 
-# Of a film that may be one of several in a file: seconds, frame, and whether it is sound.
-_Timed = tuple[float, Any, bool]
+_Timed = tuple[float, Any, bool]  # seconds, frame, and whether it is sound
 
 
-def _decode_films(path: Path, container: Any, number: int, unread: list[int]) -> Iterator[_Timed]:
-    """Yields the frames of a stream of a file, and of films pasted behind it, one after another.
-
-    Args:
-        path: the file.
-        container: the file as FFmpeg opens it, which is its first film.
-        number: of the stream among those of video.
-        unread: gets the numbers, from 1, of films that cannot be decoded or have another size.
-    """
-    shape, begin = None, 0.0
-    for film, (start, end) in enumerate(split_films(path) or [(0, 0)]):
-        with contextlib.ExitStack() as opened:
-            if film:
-                part = opened.enter_context(contextlib.closing(open_slice(path, start, end)))
-                container = open_container(path, part)
-                if container is None or len(list_films(container)) <= number:
-                    unread.append(film + 1)
-                    continue
-                opened.enter_context(container)
-            stream = list_films(container)[number]
-            zero, last = stream.start_time or 0, begin
-            for frame, is_sound in _decode_stream(container, stream):
-                shape = shape or _find_shape(frame)
-                if film and _find_shape(frame) != shape:
-                    unread.append(film + 1)
-                    break
-                last = begin + float((_find_stamp(frame, -math.inf) - zero) * frame.time_base)
-                yield last, frame, is_sound
-            begin = max(begin, last) + 1 / (float(stream.guessed_rate or 0) or _USUAL_RATE)
+def _decode_film(container: Any, number: int) -> Iterator[_Timed]:
+    """Yields the frames of a film; `number` is that of its stream among those of video."""
+    stream = list_films(container)[number]
+    zero = stream.start_time or 0
+    for frame, is_sound in _decode_stream(container, stream):
+        yield float((_find_stamp(frame, -math.inf) - zero) * frame.time_base), frame, is_sound
 
 
 def _decode_stream(container: Any, stream: Any) -> Iterator[tuple[Any, bool]]:
@@ -342,12 +313,8 @@ def _open_video(path: Path) -> Any:
     )
 
 
-def open_container(path: Path, part: Any = None) -> Any:
+def open_container(path: Path) -> Any:
     """Opens a film; None if FFmpeg decodes no stream of video in it.
-
-    Args:
-        path: the file.
-        part: of the file, as an object; None: all of it.
 
     Raises:
         InputError: its tables claim more than there can be.
@@ -355,12 +322,10 @@ def open_container(path: Path, part: Any = None) -> Any:
     """
     import av
 
-    if part is None:
-        check_tables(check_regular(path))
-    # A name with a colon may be an address; one of an absolute path is none.
-    source = str(path.absolute()) if part is None else part
+    check_tables(check_regular(path))
     with contextlib.suppress(av.FFmpegError, OSError):
-        container = av.open(source, metadata_errors="replace")
+        # A name with a colon may be an address; one of an absolute path is none.
+        container = av.open(str(path.absolute()), metadata_errors="replace")
         # A stream whose codec is not known has no width.
         if any(getattr(stream, "width", 0) > 0 for stream in list_films(container)[:1]):
             return container

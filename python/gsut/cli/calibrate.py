@@ -79,10 +79,9 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "--out",
         metavar="LENS",
         required=True,
-        help="lens file, .cameramodel (mrcal), .yaml (OpenCV), .txt (OCamCalib) or *matlab*.json "
-        "(MATLAB); a rig's cameras get "
-        "LENS-NAME; report.html, report.json, corners.vnl and the folder corners are written "
-        "beside it, and replace older ones",
+        help="lens file, .cameramodel (mrcal), .yaml (OpenCV) or .txt (OCamCalib); a rig's "
+        "cameras get LENS-NAME; report.html, report.json, corners.vnl and the folder corners are "
+        "written beside it, and replace older ones",
     )
     add_quiet(parser)
     add_json(parser)

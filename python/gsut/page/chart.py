@@ -190,6 +190,15 @@ class Chart:
         thicker = cv2.dilate(picture, np.ones((size, size), np.uint8))
         self.place_picture(thicker, LEFT, TOP, width, height)
 
+    def draw_marks(self, x: np.ndarray, y: np.ndarray, color: str = Style.INK) -> None:
+        """Draws rings at points that lie within the area."""
+        for across, down in zip(self._place_x(x), self._place_y(y), strict=True):
+            if LEFT <= across <= self.right and TOP <= down <= self.bottom:
+                self._parts.append(
+                    f'<circle cx="{across:.1f}" cy="{down:.1f}" r="3.5" fill="none" '
+                    f'stroke="{color}" stroke-width="1.2"/>'
+                )
+
     def build(self) -> str:
         """Returns the chart as the text of an SVG file."""
         return (
