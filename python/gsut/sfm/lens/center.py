@@ -20,7 +20,6 @@ from gsut.sfm.solution import (
     Adjustment,
     Solution,
     adjust_registered,
-    compare_solutions,
 )
 
 # Share of the prior's standard deviation below which images determine a principal point.
@@ -31,8 +30,8 @@ def free_center(mapping: Mapping) -> Mapping:
     """Estimates the principal point with everything else, near the middle as far as priors say.
 
     The middle was assumed so far. It stays where the lens is known, under a rolling shutter, for
-    two lenses in one frame, for a video that may have a rolling shutter, and unless another place
-    explains the matches better: without that evidence two more unknowns only cost accuracy.
+    two lenses in one frame, and for a video that may have a rolling shutter. No test decides else:
+    where images say little of the point, its prior holds it.
 
     Returns:
         The run with solution and `lens_free`.
@@ -45,16 +44,9 @@ def free_center(mapping: Mapping) -> Mapping:
         return mapping
     freed = flags.copy()
     freed[list(CENTER)] = FREE
-    few = keep_most_distinct(mapping.pairs)
     try:
-        held, free = (_adjust(mapping, solution, few, each) for each in (flags, freed))
-        off, sigma = _measure_off(free.cameras[int(np.argmax(free.registered))])
-        found = compare_solutions(
-            held, free, mapping.features, few, len(CENTER), -0.5 * float(np.sum((off / sigma) ** 2))
-        )
-        if not found.is_rival:
-            return mapping
-        # Poses that a wrong centre bent have straightened up by now.
+        # Poses that a wrong centre bent straighten up in the first adjustment.
+        free = _adjust(mapping, solution, keep_most_distinct(mapping.pairs), freed)
         free = _adjust(mapping, free, mapping.pairs, freed, is_last=True)
     except SolveError:
         return mapping
