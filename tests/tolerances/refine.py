@@ -32,10 +32,12 @@ REFINED_DRIFT = (
     0.03  # what the start's own 0.05 units over 0.5 leave of 12 views: 0.03; worst 0.016
 )
 MATCHED_DEGREES = 5e-4  # a rendered photograph of 160 x 160 pixels in 8 bits; worst 2.1e-4
+MATCHED_LINES = 0.028  # units and radians, 2 to 8 units away, a fifth wrong; worst 0.014
 MATCHED_UNITS = 2e-5  # the same; worst 7.9e-6
 LOCALIZED_UNITS = 5e-3  # of a photograph of 48 x 48 pixels in 8 bits, 4 units away
 LOCALIZED_MOTION = 0.02  # units and radians, of 48 x 48 pixels in 8 bits
 LOCALIZED_SHRUNK_UNITS = 0.02  # pixels that are means over areas against rays at their middles
+LOCALIZED_FOCAL = 0.02  # relative, of 8 % from seven tries at 48 x 48 pixels
 AGREEMENT_OF_LIGHT = 0.97  # share of 352 parts of a picture in another light; worst 1.0
 AGREEMENT_BY_CHANCE = 0.056  # the same, of a mirrored picture; worst 0.028
 AGREEMENT_OF_HALF = 0.7  # half of a picture and the parts of which a mirrored half shows some; 0.56

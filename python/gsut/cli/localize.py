@@ -13,6 +13,7 @@ from gsut.cli._flags import (
 )
 from gsut.terminal import say
 
+_FOCAL_OFF = 0.025  # relative; reported above this
 HELP = "where a photograph of a trained scene was taken"
 DESCRIPTION = (
     "Finds the pose of a photograph: matches its features with views rendered from the training "
@@ -77,7 +78,9 @@ def _list_figures(localized: Any, scene: Any, start: str) -> dict[str, Any]:
         "matches": localized.matches,
         "starts_tried": localized.starts,
         "agreement": localized.agreement,
+        "focal_scale": localized.focal_scale,
         "shutter": found.shutter.direction if found.shutter else "global",
+        "shutter_source": localized.shutter_source,
         "motion": None if found.motion is None else found.motion.tolist(),
         "motion_std": None
         if found.motion_covariance is None
@@ -102,6 +105,12 @@ def _print_pose(figures: dict[str, Any]) -> None:
         f"{figures['bias']:+.3f}"
     )
     print(f"{figures['agreement']:.0%} of the photograph's parts lie where the scene shows them")
+    if abs(figures["focal_scale"] - 1) > _FOCAL_OFF:
+        say(
+            "warning: the photograph fits better a focal length times "
+            f"{figures['focal_scale']:.3f}: check --camera; the uncertainty says how far that "
+            "moves the pose"
+        )
     _print_shutter(figures)
     if not figures["converged"]:
         say("note: the refinement stopped before it converged")
@@ -117,3 +126,9 @@ def _print_shutter(figures: dict[str, Any]) -> None:
         print(f"rolling shutter ({figures['shutter']}): the pose is that of the middle line")
         print(f"from first to last line the centre moves by {moved}")
         print(f"and the camera turns by {turned} degrees about its axes")
+    elif figures["shutter_source"] == "undetermined":
+        say(
+            "warning: the photograph does not determine whether its lines were read one "
+            "after the other; it is posed as read at once, and the uncertainty says how far motion "
+            "would move the pose"
+        )

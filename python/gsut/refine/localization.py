@@ -20,16 +20,9 @@ from gsut.data.poses import find_centers
 from gsut.gaussians import Gaussians
 from gsut.refine.agreement import measure_agreement
 from gsut.refine.matched_views import SURE_MATCHES, Start, find_pose_by_matches
-from gsut.refine.pixel_rows import SCENE_BLOCKS
-from gsut.refine.pose import (
-    LEVELS_WITH_MOTION,
-    CoarsePose,
-    Photograph,
-    RefinedPose,
-    check_photograph,
-    make_refined_pose,
-)
-from gsut.refine.secants import SecantPose, measure_pixel_angle, place_lines
+from gsut.refine.pose import RefinedPose
+from gsut.refine.query import Query
+from gsut.refine.secants import measure_pixel_angle, place_lines
 from gsut.render import PixelFilter, place_about, render, to_uint8
 from gsut.sfm.photographs import require_central
 
@@ -44,13 +37,6 @@ _POSES_TRIED = 3
 # Share of a photograph's parts that must lie where the scene shows them: most, since in a small
 # picture many fit by chance.
 _LEAST_AGREEMENT = 0.5
-# Sizes of the photograph, the full one included, by which starts are compared.
-_LEVELS = 4
-# Largest number of pixels compared.
-_PIXELS = 20_000
-# Standard deviations grow by this power of the share of the photograph that counts, as fewer parts
-# of the scene are averaged.
-_BY_SHARE = -1 / 3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,6 +49,11 @@ class Localized:
         matches: features of rendered views that agree with the start; 0 for a training pose.
         starts: how many starts were tried.
         agreement: share of the photograph's parts that lie where the scene shows them, 0 to 1.
+        focal_scale: factor on the focal length with which the colours fit best; what the pose moves
+            with it is in its covariance.
+        shutter_source: "given"; "picture": lines that move with the camera are beyond doubt, or the
+            picture shows no such motion; "undetermined": it may, and the covariance says how far
+            the pose moves with it.
     """
 
     pose: RefinedPose
@@ -70,6 +61,8 @@ class Localized:
     matches: int
     starts: int
     agreement: float = 1.0
+    focal_scale: float = 1.0
+    shutter_source: str = "given"
 
 
 def localize_image(
@@ -92,12 +85,12 @@ def localize_image(
         pixels: (H, W, 3) uint8, the photograph.
         mask: (H, W) bool, False where the photograph does not count.
         background: colour behind everything.
-        shutter: how the photograph's lines were read; None or global: all at once.
+        shutter: how the photograph's lines were read; None: found from the photograph.
         on_progress: called with (stage, done, total).
 
     Returns:
         The pose, from the start that explains the photograph best. Its covariance includes errors
-        of the scene; the lens counts as exact.
+        of the scene and, for lenses with fx and fy, an error of the focal length.
 
     Raises:
         InputError: a lens of the photograph whose rays do not meet in one point.
@@ -105,8 +98,6 @@ def localize_image(
             best render: it shows another place or was taken through another lens.
     """
     require_central([camera])
-    if shutter is not None and shutter.is_global:
-        shutter = None
     if gaussians.origin.any():
         return _localize_about_origin(
             gaussians, views, camera, pixels, mask, background=background, shutter=shutter,
@@ -114,22 +105,20 @@ def localize_image(
         )  # fmt: skip
     show = on_progress or (lambda what, done, total: None)
     order = _rank_views(gaussians, views, camera, pixels, mask, background, show)
-    found = find_pose_by_matches(gaussians, views, order, camera, pixels, mask, background, show)
+    found = find_pose_by_matches(
+        gaussians, views, order, camera, pixels, mask, background, shutter, show
+    )
     starts = [] if found is None else [found]
     starts += [Start(index, views[index][1]) for index in order[:_POSES_TRIED]]
-    colors, valid = check_photograph(camera, pixels, mask)
-    photograph = Photograph(
-        gaussians.to_dtype(np.float32), camera, colors, valid, tuple(background), _PIXELS,
-        SCENE_BLOCKS,
-    )  # fmt: skip
-    best, number = _choose_start(photograph, starts, show)
+    query = Query.prepare(gaussians, camera, pixels, mask, background)
+    best, number = _choose_start(query, starts, show)
     show("refining", len(starts), len(starts) + 1)
-    fine = _refine_lines(photograph, best, shutter)
+    fine, shutter, source = query.refine_lines(best.pose, shutter, best.motion)
     seen = render(
         gaussians, camera, place_lines(fine.camera_from_world, fine.motion, shutter),
         background=background,
     )  # fmt: skip
-    agreement = measure_agreement(pixels, to_uint8(seen.image), valid)
+    agreement = measure_agreement(pixels, to_uint8(seen.image), query.valid)
     if not agreement >= _LEAST_AGREEMENT:
         raise SolveError(
             f"the photograph was not found in the scene: from the best of {len(starts)} poses, "
@@ -137,40 +126,25 @@ def localize_image(
             f"are needed), and {best.matches} features agree with that pose; it shows another "
             "place, or another lens took it"
         )
-    refined = _widen(make_refined_pose(fine, shutter, np.zeros(3), SCENE_BLOCKS), valid)
+    refined, focal_scale = query.add_systematic_errors(fine, shutter, source)
     show("refining", len(starts) + 1, len(starts) + 1)
-    return Localized(refined, best.name, best.matches, number, agreement)
-
-
-def _refine_lines(photograph: Photograph, start: Start, shutter: Shutter | None) -> SecantPose:
-    """Refines a pose that fits the smaller sizes; motion moves it, so these come again."""
-    if shutter is None:
-        coarse = photograph.refine_coarsely(start.pose, range(1), True)
-        return photograph.refine_finely(coarse, 0, True, None)
-    first = LEVELS_WITH_MOTION - 1
-    return photograph.refine_finely(CoarsePose(start.pose), first, True, shutter)
-
-
-def _widen(pose: RefinedPose, valid: np.ndarray) -> RefinedPose:
-    """Widens covariances where only a part of the photograph counts, (H, W) bool."""
-    wide = float(np.mean(valid)) ** (2 * _BY_SHARE)
-    motion = pose.motion_covariance
-    return dataclasses.replace(
-        pose,
-        covariance=wide * pose.covariance,
-        motion_covariance=None if motion is None else wide * motion,
-    )
+    return Localized(refined, best.name, best.matches, number, agreement, focal_scale, source)
 
 
 def _choose_start(
-    photograph: Photograph, starts: list[Start], show: Callable[[str, int, int], None]
+    query: Query, starts: list[Start], show: Callable[[str, int, int], None]
 ) -> tuple[Start, int]:
-    """Refines starts with the smaller photograph; returns the best, and how many were tried."""
+    """Refines starts with the smaller photograph; returns the best pose, and how many were tried.
+
+    A start with motion stays as it is: a global pose would only be worse.
+    """
     best, least = None, np.inf
     for number, start in enumerate(starts, start=1):
         show("refining", number, len(starts) + 1)
+        if start.motion is not None:
+            return start, number
         try:
-            coarse = photograph.refine_coarsely(start.pose, range(1, _LEVELS), True)
+            coarse = query.refine_smaller(start.pose)
         except SolveError:
             continue
         if best is None or coarse.rms < least:

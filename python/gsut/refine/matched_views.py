@@ -9,8 +9,11 @@ from typing import Any
 import numpy as np
 
 from gsut import _core
+from gsut._core import Shutter
 from gsut.data.poses import find_centers
 from gsut.gaussians import Gaussians
+from gsut.refine.matched_lines import find_line_poses
+from gsut.refine.pixel_rows import POSE
 from gsut.render import render, to_uint8
 from gsut.sfm import PosesOptions
 from gsut.sfm.matches import MAX_DISTANCE, MAX_RATIO
@@ -23,6 +26,8 @@ _OPAQUE = 0.8
 # Distance of a match that agrees with a pose, in thousandths of the image's diagonal: rendered
 # distances are less exact than triangulated ones (1.8 there).
 _MAX_ERROR = 4.0
+# The same under a rolling shutter before its motion is known, in those: lines are off by it.
+_BY_MOTION = 8.0
 # Matches that must agree with a pose to start from it: chance gives a few.
 _FEWEST_MATCHES = 12
 # Matches from which no further view is matched.
@@ -33,11 +38,16 @@ SURE_MATCHES = 40
 
 @dataclasses.dataclass(frozen=True)
 class Start:
-    """A pose to start from; name and matches as of `Localized`."""
+    """A pose to start from; name and matches as of `Localized`.
+
+    Attributes:
+        motion: (6,) during the readout, where matches determine it, too.
+    """
 
     name: str | int
     pose: np.ndarray
     matches: int = 0
+    motion: np.ndarray | None = None
 
 
 def find_pose_by_matches(
@@ -48,6 +58,7 @@ def find_pose_by_matches(
     pixels: np.ndarray,
     mask: np.ndarray,
     background: Sequence[float],
+    shutter: Shutter | None,
     show: Callable[[str, int, int], None],
 ) -> Start | None:
     """Estimates a pose from features matched to renders, with its inliers; None if too few."""
@@ -64,7 +75,7 @@ def find_pose_by_matches(
             found, places = _detect_rendered_features(gaussians, *views[index], background, options)
             features.append(found)
             points.append(places)
-        best = _find_pose_by_features(camera, photograph, features, points)
+        best = _find_pose_by_features(camera, photograph, features, points, shutter)
         if best is not None and best.matches >= _PLENTY_OF_MATCHES:
             break
     return best
@@ -75,6 +86,7 @@ def _find_pose_by_features(
     photograph: Features,
     features: list[Features],
     points: list[np.ndarray],
+    shutter: Shutter | None,
 ) -> Start | None:
     """Estimates a pose from features of rendered views and their points (n, 3) each."""
     descriptors = [f.descriptors for f in (photograph, *features)]
@@ -92,7 +104,18 @@ def _find_pose_by_features(
     rows, places = rows[good], places[good]
     pose, inliers = _core.absolute_pose(bearings, rows, places, max_error, 0)
     agree = len(np.unique(rows[inliers]))
-    return Start("matches", pose, agree) if agree >= _FEWEST_MATCHES else None
+    if shutter is None or shutter.is_global:
+        return Start("matches", pose, agree) if agree >= _FEWEST_MATCHES else None
+    moved, inliers = _core.absolute_pose(bearings, rows, places, _BY_MOTION * max_error, 0)
+    middle, motion, agreeing = find_line_poses(
+        camera, shutter, moved, photograph.pixels[rows[inliers]], places[inliers], max_error
+    )
+    matches = len(np.unique(rows[inliers][agreeing]))
+    if matches >= max(agree, SURE_MATCHES):
+        return Start("matches", middle, matches, motion)
+    # No fewer agree with a pose at rest: the motion is less than a match's error.
+    still = np.zeros(POSE) if agree >= SURE_MATCHES else None
+    return Start("matches", pose, agree, still) if agree >= _FEWEST_MATCHES else None
 
 
 def _detect_rendered_features(

@@ -15,6 +15,7 @@ from gsut.data.images import decode_image, decode_mask, shrink_image, shrink_mas
 from gsut.gaussians import Gaussians
 from gsut.lens import Camera, load_lens
 from gsut.refine.localization import Localized, localize_image
+from gsut.refine.query import list_likely_shutters
 
 # Pixels along a photograph's shorter side, at least: fewer show no place.
 _SMALLEST_SIDE = 24
@@ -46,7 +47,7 @@ def localize(
         background: colour behind everything, as in training.
         shutter: "global"; "rolling": each line has its own pose, in the order of the scene's
             photographs, or along the longer side; "auto": as the scene's photographs if its only
-            camera took this one too, otherwise global.
+            camera took this one too, otherwise as the photograph shows.
         on_progress: called with (stage, done, total).
 
     Returns:
@@ -126,11 +127,12 @@ def _choose_lens(
 
 
 def _choose_shutter(word: str, scene: Scene, lens: Camera, is_own: bool) -> Shutter | None:
-    """Chooses the photograph's shutter; None: all lines were read at once."""
+    """Chooses the photograph's shutter; None: it is found from the photograph."""
     if word not in ("auto", "global", "rolling"):
         raise InputError(f"shutter must be auto, global or rolling, found {word!r}")
+    if word == "global":
+        return Shutter("global")
     of_scene = next((view.shutter for view in scene.views if view.shutter is not None), None)
     if word == "rolling":
-        along = "top_to_bottom" if lens.width >= lens.height else "left_to_right"
-        return of_scene or Shutter(along)
-    return of_scene if word == "auto" and is_own else None
+        return of_scene or list_likely_shutters(lens)[0]
+    return of_scene if is_own else None

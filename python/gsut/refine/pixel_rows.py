@@ -123,6 +123,30 @@ def weigh_equations(rows: PixelRows, slopes: np.ndarray) -> tuple[np.ndarray, np
     return (root[:, :, None] * slopes).reshape(-1, slopes.shape[2]), (root * rows.residuals).ravel()
 
 
+def estimate_step(rows: PixelRows, slopes: np.ndarray) -> np.ndarray:
+    """Returns (K,) the step of Gauss-Newton by these slopes (N, 3, K)."""
+    matrix, right = weigh_equations(rows, slopes)
+    return -np.linalg.solve(matrix.T @ matrix, matrix.T @ right)
+
+
+def estimate_sum_error(rows: PixelRows, values: np.ndarray) -> float:
+    """Estimates the standard deviation of the sum of values (N,) of pixels, by blocks of noise."""
+    block, count = _number_blocks(rows, *NOISE_BLOCKS)
+    return float(np.sqrt(count) * np.std(np.bincount(block, values, count), ddof=1))
+
+
+def measure_unmodelled_motion(rows: PixelRows, shutter: Shutter) -> float:
+    """Measures what motion during a readout the residuals of a global shutter still show.
+
+    Returns:
+        Its square by its covariance, per unknown: about 1 where there is none.
+    """
+    slopes = rows.stack_slopes(shutter)
+    motion = slice(POSE, 2 * POSE)
+    step = estimate_step(rows, slopes)[motion]
+    return compute_square(step, estimate_covariance(rows, slopes)[motion, motion])
+
+
 def compute_square(vector: np.ndarray, covariance: np.ndarray) -> float:
     """Returns the square of a vector by its covariance, per component."""
     return float(vector @ np.linalg.solve(covariance, vector)) / len(vector)

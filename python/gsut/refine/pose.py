@@ -166,13 +166,18 @@ def refine_levels(
 
 @dataclasses.dataclass(frozen=True)
 class CoarsePose:
-    """A pose from derivatives of colours, or to start from; see `RefinedPose`."""
+    """A pose from derivatives of colours, or to start from; see `RefinedPose`.
+
+    Attributes:
+        focal_change: logarithm of the factor on the focal length, where that was refined, too.
+    """
 
     camera_from_world: np.ndarray
     gain: tuple[float, float] = (1.0, 0.0)
     rms: float = float("inf")
     converged: bool = False
     motion: np.ndarray | None = None
+    focal_change: float = 0.0
 
 
 class _Level(NamedTuple):
@@ -233,24 +238,38 @@ class Photograph:
         colors = shrink_image(self.pixels, *size).reshape(-1, 3)[chosen]
         return _Level(drawn, lens, chosen, np.ascontiguousarray(colors))
 
-    def refine_coarsely(self, pose: np.ndarray, levels: range, with_gain: bool) -> CoarsePose:
-        """Refines a pose by derivatives of colours at these levels, or finer ones if none is."""
+    def refine_coarsely(
+        self, pose: np.ndarray, levels: range, with_gain: bool, with_focal_length: bool = False
+    ) -> CoarsePose:
+        """Refines a pose by derivatives of colours at these levels, or finer ones if none is.
+
+        With the focal length, the first two parameters of the lens are refined, too.
+        """
         found = CoarsePose(pose)
         for level in reversed(range(levels.stop)):
             if level < levels.start and np.isfinite(found.rms):
                 break
-            part = self.shrink(level, found.camera_from_world)
+            camera = self.camera
+            if with_focal_length:
+                camera = scale_focal_length(camera, found.focal_change)
+            part = dataclasses.replace(self, camera=camera).shrink(level, found.camera_from_world)
             if part is None:
                 continue
+            params = np.array(part.lens.params)
+            free = [[int(k < 2) for k in range(len(params))]] if with_focal_length else []
             solved = _core.refine_photometric(
                 part.drawn, [part.lens],
                 [(0, found.camera_from_world, part.chosen, part.colors)], BlendRule(),
                 self.background, self.scene.sh_degree, DEFAULT_UNSCENTED,
-                {"with_gain": with_gain},
+                {"with_gain": with_gain, "lens_free": free},
             )  # fmt: skip
+            change = found.focal_change
+            if with_focal_length:
+                new = np.array(solved["lens_params"][0])
+                change += float(np.mean(np.log(new[:2] / params[:2])))
             found = CoarsePose(
                 solved["camera_from_world"][0], solved["gains"][0], solved["rms_after"],
-                bool(solved["converged"]),
+                bool(solved["converged"]), focal_change=change,
             )  # fmt: skip
         return found
 
@@ -271,6 +290,13 @@ class Photograph:
             )  # fmt: skip
             pose, gain, motion = fine.camera_from_world, fine.gain, fine.motion
         return fine
+
+
+def scale_focal_length(camera: Any, change: float) -> Any:
+    """Multiplies the first two parameters, fx and fy, by the exponential of `change`."""
+    params = np.array(camera.params)
+    params[:2] *= np.exp(change)
+    return camera.with_params(params)
 
 
 def make_refined_pose(

@@ -62,7 +62,10 @@ def test_localize_finds_a_pose_between_the_training_views(run, tmp_path, capsys)
     assert "centre:" in capsys.readouterr().out
 
 
-def test_localize_poses_the_lines_of_a_rolling_shutter(run, tmp_path, capsys, monkeypatch):
+@pytest.mark.parametrize("known_by", ["dataset", "picture"])
+def test_localize_poses_the_lines_of_a_rolling_shutter(
+    run, tmp_path, capsys, monkeypatch, known_by
+):
     folder, g = run
     pose = poses()[4]
     motion = np.array([0.1, -0.05, 0.05, 0.02, -0.06, 0.03])
@@ -78,13 +81,15 @@ def test_localize_poses_the_lines_of_a_rolling_shutter(run, tmp_path, capsys, mo
         views = [dataclasses.replace(view, shutter=shutter) for view in scene.views]
         return options, dataclasses.replace(scene, views=views), gaussians
 
-    monkeypatch.setattr("gsut.training.read_trained", read_with_shutter)
+    if known_by == "dataset":
+        monkeypatch.setattr("gsut.training.read_trained", read_with_shutter)
     words = ["localize", str(image), "--run", str(folder), "--json"]
     assert main(words) == 0
     found = json.loads(capsys.readouterr().out)
     error = np.array(found["center"]) + pose[:3, :3].T @ pose[:3, 3]
-    print(error, found["center_std"], found["motion"])
+    print(known_by, error, found["center_std"], found["motion"])
     assert found["shutter"] == "top_to_bottom"
+    assert found["shutter_source"] == ("picture" if known_by == "picture" else "given")
     assert np.linalg.norm(error) < tolerances.LOCALIZED_UNITS
     assert (np.abs(error) < 3 * np.array(found["center_std"])).all()
     assert np.abs(np.array(found["motion"]) - motion).max() < tolerances.LOCALIZED_MOTION
@@ -188,6 +193,17 @@ def test_localize_white_photograph_is_refused_in_one_sentence(run, tmp_path, cap
     assert "does not determine its pose" in capsys.readouterr().err
 
 
+def test_localize_photograph_through_half_the_focal_length_is_refused(run, tmp_path, capsys):
+    folder, g = run
+    image = photograph(tmp_path / "photo.png", g, poses()[4], 48)
+    params = np.array(pinhole(48).params)
+    params[:2] *= 0.4
+    gsut.save_camera(pinhole(48).with_params(params), tmp_path / "lens.json")
+    words = ["localize", str(image), "--run", str(folder), "--camera", str(tmp_path / "lens.json")]
+    assert main(words) == 2
+    assert "was not found in the scene" in capsys.readouterr().err
+
+
 def test_localize_tiny_photograph_is_refused(run, tmp_path, capsys):
     image = tmp_path / "tiny.png"
     write_png(image, np.full((5, 5, 3), 80, np.uint8))
@@ -195,15 +211,29 @@ def test_localize_tiny_photograph_is_refused(run, tmp_path, capsys):
     assert "5 x 5 pixels" in capsys.readouterr().err
 
 
-def test_stated_uncertainty_covers_the_error(run, tmp_path, capsys):
+@pytest.mark.parametrize("factor", [1.0, 0.99, 1.03, 0.9, 1.1])
+def test_stated_uncertainty_covers_the_error_also_of_a_wrong_focal_length(
+    run, tmp_path, capsys, factor
+):
     folder, g = run
     pose = gsut.exp_pose([0.1, -0.05, 0.1, 0.03, -0.05, 0.02]) @ poses()[4]
     image = photograph(tmp_path / "photo.png", g, pose, 48)
-    assert main(["localize", str(image), "--run", str(folder), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
+    params = np.array(pinhole(48).params)
+    params[:2] *= factor
+    lens = tmp_path / "lens.json"
+    gsut.save_camera(pinhole(48).with_params(params), lens)
+    assert (
+        main(["localize", str(image), "--run", str(folder), "--camera", str(lens), "--json"]) == 0
+    )
+    told = capsys.readouterr()
+    found = json.loads(told.out)
     error = np.abs(np.array(found["center"]) + pose[:3, :3].T @ pose[:3, 3])
-    print(error, found["center_std"])
+    print(factor, found["focal_scale"], error, found["center_std"])
     assert (error < 3 * np.array(found["center_std"])).all()
+    assert abs(found["focal_scale"] * factor - 1) < tolerances.LOCALIZED_FOCAL
+    capsys.readouterr()
+    assert main(["localize", str(image), "--run", str(folder), "--camera", str(lens)]) == 0
+    assert ("focal length times" in capsys.readouterr().err) == (abs(factor - 1) > 0.02)
 
 
 def test_step_that_is_not_finite_leaves_the_pose_undetermined():

@@ -5,7 +5,7 @@ import pytest
 
 import tolerances
 from gsut import _core
-from gsut.sfm.lens import information
+from gsut.sfm.lens import information, prior
 from gsut.sfm.lens.covariance import estimate_lens_covariances
 from gsut.sfm.solution import FEATURE_VARIANCE
 from made_flight import FREE, fly
@@ -19,15 +19,13 @@ def flight():
     return fly(np.random.default_rng(36), relief=0.3, turn=0.3, stretch=0.002)
 
 
-def test_windows_are_of_images_that_share_points(monkeypatch):
+def test_windows_are_of_images_that_share_points():
     place = np.arange(40) % 2  # images of two places in turn
     image = np.repeat(np.arange(40), POINTS)
     point = np.tile(np.arange(POINTS), 40) + POINTS * place[image]
-    monkeypatch.setattr(information, "_WINDOW", 20)
-    windows = information.split_windows(image, point, 41)
+    windows = information.split_windows(image, point, 41, count=2)
     assert [window.tolist() for window in windows] == [[*range(0, 40, 2)], [*range(1, 40, 2)]]
-    monkeypatch.setattr(information, "_WINDOW", 10)
-    quarters = information.split_windows(image, point, 41)
+    quarters = information.split_windows(image, point, 41, count=4)
     assert [len(window) for window in quarters] == [10] * 4
     assert sorted(np.concatenate(quarters)) == list(range(40))
     assert all(len(set(place[window])) == 1 for window in quarters)
@@ -80,3 +78,11 @@ def test_lens_covariance_by_windows_is_a_little_larger(flight, monkeypatch, size
     free = FREE > 0
     assert (split[free] > whole[free] / tolerances.ONE_WINDOW).all()
     assert (split[free] < most * whole[free]).all() and not split[~free].any()
+
+
+def test_focal_spread_of_windows_is_about_that_without_groups(flight, monkeypatch):
+    by_groups = prior.estimate_focal_sigma(flight, FREE, 0.0)
+    monkeypatch.setattr(prior, "_MOST_LEFT_OUT", 4)
+    monkeypatch.setattr(prior, "GROUPS", 3)
+    by_windows = prior.estimate_focal_sigma(flight, FREE, 0.0)
+    assert by_groups / 3 < by_windows < 3 * by_groups

@@ -5,7 +5,7 @@ from gsut.sfm.lens.candidates import guess_lenses
 from gsut.sfm.lens.center import free_center
 from gsut.sfm.lens.critical_motion import TURNED
 from gsut.sfm.lens.doubt import compare_lens, describe_doubt, judge_lens
-from gsut.sfm.lens.information import GROUPS, WeightedObservations
+from gsut.sfm.lens.information import GROUPS, WeightedObservations, differentiate_by_turn
 from gsut.sfm.lens.sightings import index_points, join_points
 from gsut.sfm.lens.still_camera import require_motion
 
@@ -15,6 +15,7 @@ __all__ = [
     "WeightedObservations",
     "compare_lens",
     "describe_doubt",
+    "differentiate_by_turn",
     "free_center",
     "guess_lenses",
     "index_points",

@@ -217,14 +217,17 @@ def differentiate_by_turn(by_point: np.ndarray, p: np.ndarray) -> np.ndarray:
     return np.cross(p[:, None, :], by_point)
 
 
-def split_windows(image: np.ndarray, point: np.ndarray, images: int) -> list[np.ndarray]:
-    """Splits images into windows that share many points, one for every 150 images or so.
+def split_windows(
+    image: np.ndarray, point: np.ndarray, images: int, count: int | None = None
+) -> list[np.ndarray]:
+    """Splits images into windows that share many points.
 
     A window grows by the image that sees most of its points, and the next one begins beside it.
 
     Args:
         image, point: (S,) of the observations.
         images: number of images; those without observations are in no window.
+        count: of windows; None: one for every 150 images or so.
 
     Returns:
         The sorted images of each window.
@@ -233,7 +236,7 @@ def split_windows(image: np.ndarray, point: np.ndarray, images: int) -> list[np.
     begin_image = np.searchsorted(image[by_image], np.arange(images + 1))
     begin_point = np.searchsorted(point[by_point], np.arange(int(point.max(initial=-1)) + 2))
     is_open = np.diff(begin_image) > 0
-    count = max(1, round(int(is_open.sum()) / _WINDOW))
+    count = count or max(1, round(int(is_open.sum()) / _WINDOW))
     size = -(-int(is_open.sum()) // count)
     windows: list[np.ndarray] = []
     shared = np.zeros(images, np.int64)

@@ -12,10 +12,11 @@ from gsut._core import SolveError
 from gsut.judge import SURE
 from gsut.lens import Camera, FocalPrior, find_focal_params, with_scaled_focal
 from gsut.sfm.lens.candidates import guess_lens
-from gsut.sfm.lens.information import GROUPS
+from gsut.sfm.lens.covariance import estimate_lens_covariances
+from gsut.sfm.lens.information import GROUPS, split_windows
 from gsut.sfm.lens.trials import run_trials
 from gsut.sfm.mapping import Mapping
-from gsut.sfm.matches import keep_most_distinct
+from gsut.sfm.matches import TRIAL_MATCHES, keep_most_distinct
 from gsut.sfm.solution import (
     Adjustment,
     LensFlags,
@@ -33,7 +34,10 @@ _STATED = 0.05
 # Fewest images of which some can be left out and the others still determine a lens: how well it is
 # known cannot be measured with fewer.
 _FEWEST_IMAGES = 4
-# Most images whose groups are left out, which takes eight adjustments of nearly all.
+# Most matches of a pair in adjustments of windows, which are many.
+_WINDOW_MATCHES = 50
+# Most images whose groups are left out: of more, which would be eight adjustments of nearly all,
+# windows are adjusted alone.
 _MOST_LEFT_OUT = 100
 # Share of the prior's standard deviation below which the images alone know better.
 _NEGLIGIBLE = 0.1
@@ -138,18 +142,21 @@ def estimate_focal_sigma(mapping: Mapping, flags: LensFlags, features_sigma: flo
     """Estimates the standard deviation of the logarithm of the focal length by the images alone.
 
     That of the features' errors, but at least how much the focal length varies when one group of
-    images after the other is left out (the jackknife): what features share, a shutter, a lens of
-    another shape and wrong matches hardly raise the residuals. Infinite for fewer than four images.
-    Of several lenses that of the least known one; of many images, or several lenses of a rig, the
-    features' alone.
+    images after the other is left out (the jackknife), or between windows of many images: what
+    features share, a shutter, a lens of another shape and wrong matches hardly raise the residuals.
+    Infinite for fewer than four images. Of several lenses that of the least known one; of many
+    images of several lenses, or of a rig, the features' alone.
     """
     solution = mapping.solved
     if solution.num_registered < _FEWEST_IMAGES:
         return math.inf
-    is_of_rig = not isinstance(flags, np.ndarray) and mapping.photographs.frames is not None
-    if solution.num_registered > _MOST_LEFT_OUT or is_of_rig:
-        return features_sigma
-    return max(features_sigma, _measure_spread_without_groups(mapping, solution, flags))
+    spread = 0.0
+    if solution.num_registered > _MOST_LEFT_OUT:
+        if isinstance(flags, np.ndarray):
+            spread = _measure_spread_of_windows(mapping, solution, flags)
+    elif isinstance(flags, np.ndarray) or mapping.photographs.frames is None:
+        spread = _measure_spread_without_groups(mapping, solution, flags)
+    return max(features_sigma, spread)
 
 
 def _measure_spread_without_groups(mapping: Mapping, solution: Solution, flags: LensFlags) -> float:
@@ -166,7 +173,7 @@ def _measure_spread_without_groups(mapping: Mapping, solution: Solution, flags: 
     def find_without(group: np.ndarray, on_step: OnStep) -> list[float | None]:
         """Finds the logarithm of each focal length without a group; None: too few are left."""
         kept = np.setdiff1d(images, group)
-        found = _adjust_some(mapping, solution, flags, kept, on_step)
+        found = _adjust_some(mapping, solution, flags, kept, TRIAL_MATCHES, on_step)
         if found is None:
             return [None] * len(estimated)
         own = [np.flatnonzero(found.registered & (of_image == lens)) for lens in estimated]
@@ -181,18 +188,49 @@ def _measure_spread_without_groups(mapping: Mapping, solution: Solution, flags: 
     )
 
 
+def _measure_spread_of_windows(mapping: Mapping, solution: Solution, flags: np.ndarray) -> float:
+    """Measures how well the mean of windows' focal lengths is known, by how far they are apart.
+
+    Each window of images that share many points is adjusted alone, and weighted by the variance of
+    its focal length that its features' errors cause.
+    """
+
+    def find_alone(window: np.ndarray, on_step: OnStep) -> tuple[float, float] | None:
+        """Finds the logarithm of a window's focal length, and its weight; None: undetermined."""
+        found = _adjust_some(mapping, solution, flags, window, _WINDOW_MATCHES, on_step)
+        if found is None:
+            return None
+        try:
+            (known,) = estimate_lens_covariances(found, flags)
+        except SolveError:
+            return None
+        focal = find_focal(found)
+        return math.log(focal), (focal / float(known.sigmas[0])) ** 2
+
+    point, image = solution.observations[:, 0], solution.observations[:, 1]
+    windows = split_windows(image, point, len(solution.names), GROUPS)
+    found = run_trials([functools.partial(find_alone, window) for window in windows])
+    values = np.array([each for each in found if each is not None])
+    if len(values) < 2:
+        return math.inf
+    log, weight = values.T
+    away = weight * (log - np.average(log, weights=weight))
+    return math.sqrt(len(log) / (len(log) - 1) * float(away @ away)) / float(weight.sum())
+
+
 def _adjust_some(
     mapping: Mapping,
     solution: Solution,
     flags: LensFlags,
     images: np.ndarray,
+    matches: int,
     on_step: OnStep,
 ) -> Solution | None:
     """Adjusts some images, by the most distinct matches; None where too few are left."""
     # A focal length without the readout would vary by how the images move.
     registered = np.isin(np.arange(len(solution.names)), images)
     start = dataclasses.replace(solution, registered=registered)
-    pairs = keep_most_distinct(mapping.pairs)
+    pairs = keep_most_distinct(mapping.pairs, matches)
     motion = ReadoutMotion.hold(solution)
     adjustment = Adjustment(
         flags, lens_settled=True, motion=motion, covariances=False, turns=mapping.turns

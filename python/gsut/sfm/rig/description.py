@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,6 +12,7 @@ from gsut.data import list_some
 from gsut.data.poses import find_centers
 from gsut.data.rigs import Rig, measure_changes
 from gsut.sfm.photographs import Photographs
+from gsut.sfm.rig.observability import MountUncertainty
 from gsut.sfm.rig.start import RigStart
 from gsut.sfm.solution import Solution
 
@@ -18,6 +21,8 @@ from gsut.sfm.solution import Solution
 _SHAKY = 1.5
 _TURNED_DEGREES = 0.1  # mean turn against the rig's that is reported
 _TURNED_SIGMAS = 5.0  # standard errors that such a turn must have
+_AXES = ("x (right)", "y (down)", "z (forward)")
+_NEARLY = 0.95  # cosine from which a direction is called by an axis
 _EXACT_PX = 0.2  # residuals below this are not reported: no photograph's features are that exact
 # Of poses.json, in place of the sentence for single images.
 COVARIANCE_OF = (
@@ -92,6 +97,50 @@ def describe_rig(
     }  # fmt: skip
 
 
+def add_uncertainty(figures: dict[str, Any], mounts: Sequence[MountUncertainty]) -> None:
+    """Adds how well the images determine each camera's pose on a refined rig.
+
+    Standard deviations are those of the worst directions.
+    """
+    for row, mount in zip(figures["cameras"][1:], mounts, strict=True):
+        place, turn = (
+            float(np.sqrt(np.linalg.eigvalsh(each)[-1])) for each in (mount.place, mount.turn)
+        )
+        row["sigma_place_percent"] = 100.0 * place
+        row["sigma_turn_degrees"] = float(np.degrees(turn))
+        row["not_determined"] = [
+            {"kind": kind, "axis": axis, "sigma": sigma if math.isfinite(sigma) else None}
+            for kind, axis, sigma in mount.list_open_directions()
+        ]
+
+
+def describe_open(camera: dict[str, Any]) -> str | None:
+    """Describes what the images leave open of a camera's pose on the rig, as a sentence."""
+    words = []
+    for row in camera.get("not_determined", []):
+        largest = int(np.argmax(np.abs(row["axis"])))
+        if abs(row["axis"][largest]) > _NEARLY:
+            axis = _AXES[largest]
+        else:
+            axis = "({:.2f}, {:.2f}, {:.2f})".format(*row["axis"])
+        if row["sigma"] is None:
+            known = "not at all"
+        elif row["kind"] == "place":
+            known = f"to {100 * row['sigma']:.0f} % of the rig's size"
+        else:
+            known = f"to {np.degrees(row['sigma']):.1f} degrees"
+        way = "along" if row["kind"] == "place" else "about"
+        words.append(f"its {row['kind']} {way} {axis} {known}")
+    if not words:
+        return None
+    return (
+        f"these images hardly determine where {camera['name']} is on the rig: {', '.join(words)} "
+        "(one standard deviation); there the rig's file is the better source: turn the rig about "
+        "other axes while it takes pictures, let the cameras see the same things, or leave "
+        "--refine-rig out"
+    )
+
+
 def list_rig_notes(rig: Rig, figures: dict[str, Any]) -> list[str]:
     """Lists what a user should know of the rig, one sentence each."""
     images = sum(camera["images"] for camera in figures["cameras"])
@@ -106,6 +155,7 @@ def list_rig_notes(rig: Rig, figures: dict[str, Any]) -> list[str]:
             f"{len(figures['unmatched'])} of them share no point with other images and have no "
             f"pose, although their frame has one: {list_some(figures['unmatched'])}"
         )
+    notes += [note for note in map(describe_open, figures["cameras"]) if note is not None]
     before_px, after_px = figures["residual_alone_px"], figures["residual_px"]
     if after_px > max(_SHAKY * before_px, _EXACT_PX):
         notes.append(

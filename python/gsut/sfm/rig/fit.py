@@ -14,8 +14,9 @@ from gsut.files import to_file_name
 from gsut.lens import save_camera
 from gsut.sfm.mapping import Mapping, RigFit
 from gsut.sfm.photographs import make_no_features
-from gsut.sfm.rig.description import describe_rig, list_rig_notes
+from gsut.sfm.rig.description import add_uncertainty, describe_rig, list_rig_notes
 from gsut.sfm.rig.motion import find_body_motion, list_readings
+from gsut.sfm.rig.observability import estimate_mount_uncertainty
 from gsut.sfm.rig.start import place_rig
 from gsut.sfm.solution import (
     CENTER,
@@ -159,6 +160,9 @@ def put_on_rig(
     readings = list_readings(solution, photographs.rig_cameras, seconds)
     now = dataclasses.replace(now, readings=readings)
     figures = describe_rig(photographs, (rig, now), start, alone, solution)
+    if adjust:
+        uncertainty = estimate_mount_uncertainty(solution, constraint)
+        add_uncertainty(figures, uncertainty)
     return solution, RigFit(now, figures, list_rig_notes(rig, figures))
 
 

@@ -1,8 +1,10 @@
-"""Finds the rolling shutter of a video's two lenses, once their images are on a rig."""
+"""Finds the rolling shutters of a video's two lenses, once their images are on a rig."""
 
 from __future__ import annotations
 
 import dataclasses
+
+import numpy as np
 
 from gsut._core import SolveError
 from gsut.sfm.mapping import Mapping, RigFit
@@ -11,11 +13,12 @@ from gsut.sfm.rig.motion import list_readings
 from gsut.sfm.shutter import VideoShutter, correct_readout, estimate_rates, find_line_order
 from gsut.sfm.solution import Solution
 
-_FLOW = 0.1  # uncertainty of the flow in the result, share of itself; 0 while times are compared
+_EXACT = 0.0  # uncertainty of the flow while readout times are compared
+_FLOW = 0.1  # and of the result: share of itself
 
 
 def find_rig_shutter(mapping: Mapping) -> Mapping:
-    """Finds how both lenses of a rig that was found read their lines, from the flow of the video.
+    """Finds how the lenses of a rig that was found read their lines, from the flow of the video.
 
     One pose a frame leaves the images less freedom to bend with the motion than poses of their own,
     so that shutters show here which do not show image by image. Does nothing where the shutter is
@@ -41,11 +44,13 @@ def find_rig_shutter(mapping: Mapping) -> Mapping:
         mapping = mapping.add_findings({"shutter_signs": signs})
     if order is None:
         return mapping
+    readouts = np.ones(len(solution.names)) if order.lines is None else order.lines.readouts
 
-    def place(time: float, sigma: float = 0.0) -> tuple[Solution, RigFit]:
+    def place(time: float, sigma: float = _EXACT) -> tuple[Solution, RigFit]:
         moving = dataclasses.replace(
-            solution, shutter=order.shutter, velocities=time * velocities[0]
-        )
+            solution, shutter=order.shutter, lines=order.lines,
+            velocities=time * readouts[:, None] * velocities[0],
+        )  # fmt: skip
         return put_on_rig(mapping.replace(solution=moving), fit.rig, True, rate_sigma=sigma)
 
     try:

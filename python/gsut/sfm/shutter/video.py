@@ -18,6 +18,7 @@ from gsut.lens import Camera
 from gsut.sfm.gyroscope import sharpen_rates
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import PairMatches, choose_connected_pairs, keep_most_distinct
+from gsut.sfm.photographs import ImageLines
 from gsut.sfm.shutter.agreement import find_better_order, reverse_lines
 from gsut.sfm.shutter.correction import LONGEST_READOUT, USUALLY_SHORT, correct_readout
 from gsut.sfm.shutter.readout import (
@@ -73,7 +74,8 @@ class VideoShutter:
                 "counts as taken in one moment: the camera moved too little for it to matter, its "
                 "shutter is global, or the video was stabilised in the camera"
             )
-        order = self.solution.shutter.direction.replace("_", " ")
+        orders = dict.fromkeys(shutter.direction for shutter in self.solution.shutters if shutter)
+        order = " and ".join(orders).replace("_", " ")
         doubt = "" if self.is_known else ", which is not known to 10 %"
         return (
             f"rolling shutter: lines are read {order} in {1000 * found.time:.1f} ms (standard "
@@ -119,8 +121,8 @@ def estimate_velocities(mapping: Mapping) -> tuple[np.ndarray, np.ndarray]:
 def find_video_shutter(mapping: Mapping) -> VideoShutter:
     """Looks for a rolling shutter in a solution without one.
 
-    Lines are taken to run along the longer side of the picture, as those of a sensor do, and in one
-    order through both lenses of a pair.
+    Lines are taken to run along the longer side of the picture, as those of a sensor do; of two
+    lenses along the same side.
     """
     solution, options = mapping.solved, mapping.options
     if len(set(solution.cameras)) > 1:
@@ -132,7 +134,7 @@ def find_video_shutter(mapping: Mapping) -> VideoShutter:
     if order is None:
         return nothing
     some = _choose_images(solution, mapping.pairs, rates)
-    trial = dataclasses.replace(solution, registered=some)
+    trial = dataclasses.replace(solution, registered=some, lines=order.lines)
 
     def adjust_trial(time: float) -> Solution:
         return _adjust_trial(mapping, trial, rates, order.shutter, time)
@@ -145,7 +147,8 @@ def find_video_shutter(mapping: Mapping) -> VideoShutter:
             return nothing
         motion = ReadoutMotion(order.shutter, readout.time, rates)
         moved = adjust_registered(
-            solution, mapping.features, mapping.pairs, options, mapping.log.follow_steps("shutter"),
+            dataclasses.replace(solution, lines=order.lines), mapping.features, mapping.pairs,
+            options, mapping.log.follow_steps("shutter"),
             Adjustment(mapping.lens_free, lens_settled=True, motion=motion),
         )  # fmt: skip
     except SolveError:
@@ -190,7 +193,7 @@ def _find_order_by_matches(mapping: Mapping, rates: np.ndarray) -> LineOrder | N
     if found is None:
         return None
     shutter, share = found
-    return LineOrder(FlowReadout(share * _TRIED, math.inf), shutter)
+    return LineOrder(FlowReadout(share * _TRIED, math.inf), shutter, None)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -198,18 +201,20 @@ class LineOrder:
     """The order in which lines are read, and a first readout time, which is too short.
 
     Args:
-        first: the time.
-        shutter: with the order.
+        first: of the longest readout.
+        shutter: of the first lens.
+        lines: of each image, where two lenses differ.
     """
 
     first: FlowReadout
     shutter: Shutter
+    lines: ImageLines | None
 
 
 def find_line_order(
     mapping: Mapping, velocities: tuple[np.ndarray, np.ndarray], lens_free: np.ndarray | None
 ) -> tuple[LineOrder | None, float | None]:
-    """Finds the order of the lines, which both lenses of a pair share.
+    """Finds the order of the lines, of each lens where there are two.
 
     Args:
         velocities: rates and their covariances, see `estimate_rates`.
@@ -220,21 +225,86 @@ def find_line_order(
         deviations of the readout time from nothing, None where too few images show it.
     """
     solution, (rates, spread) = mapping.solved, velocities
+    of_image = mapping.photographs.rig_cameras
+    if of_image is None:
+        of_image = np.zeros(len(solution.names), np.int64)
     if np.isfinite(rates).all(axis=1).sum() < _FEWEST:
         return None, None
-    best, way = FlowReadout(0.0, math.inf), ""
-    for direction in _list_directions(solution.cameras[0]):
-        lines = measure_line_times(solution, [Shutter(direction)] * len(solution.names))
-        found = estimate_readout_by_flow(solution, rates, spread, lines, lens_free)
-        if found is not None and found.clearness > best.clearness:
-            best, way = found, direction
-    camera, signs, flows = solution.cameras[0], best.clearness, mapping.photographs.flows
-    if signs < _CLEAR or abs(best.time) > LONGEST_READOUT:
+
+    def estimate(ways: Sequence[Shutter], lengths: Sequence[float], lens: int = -1) -> _Trial:
+        shutters = [ways[each] for each in of_image]
+        is_same = len({way.direction for way in ways}) == 1 and set(lengths) == {1.0}
+        lines = None if is_same else ImageLines(shutters, np.array(lengths)[of_image])
+        own = np.where(((of_image == lens) | (lens < 0))[:, None], rates, np.nan)
+        found = estimate_readout_by_flow(
+            solution, own, spread, measure_line_times(solution, shutters, lines), lens_free,
+        )  # fmt: skip
+        return _Trial(found or FlowReadout(0.0, math.inf), list(ways), lines)
+
+    number = int(of_image.max()) + 1
+    trials = [
+        estimate(ways, [1.0] * number)
+        for direction in _list_directions(solution.cameras[0])
+        for ways in _list_ways(direction, number)
+    ]
+    best = max(trials, key=lambda each: each.found.clearness)
+    if number > 1:
+        lengths = _compare_lengths(
+            [estimate(best.ways, [1.0] * number, lens).found for lens in range(number)]
+        )
+        best = estimate(best.ways, lengths)
+    found, camera = best.found, solution.cameras[0]
+    signs = found.clearness
+    if signs < _CLEAR or abs(found.time) > LONGEST_READOUT:
         return None, signs
-    if not _has_enough_motion(USUALLY_SHORT * abs(best.time), flows, camera.width, camera.height):
+    flows = mapping.photographs.flows
+    if not _has_enough_motion(USUALLY_SHORT * abs(found.time), flows, camera.width, camera.height):
         return None, signs
-    shutter = Shutter(way) if best.time > 0 else reverse_lines(Shutter(way))
-    return LineOrder(FlowReadout(abs(best.time), best.sigma), shutter), signs
+    return best.turn_forward(), signs
+
+
+@dataclasses.dataclass(frozen=True)
+class _Trial:
+    """A readout time for an order of the lines of each lens; below 0 they are read backwards."""
+
+    found: FlowReadout
+    ways: list[Shutter]
+    lines: ImageLines | None
+
+    def turn_forward(self) -> LineOrder:
+        """Returns the order in which the time is above 0."""
+        first = FlowReadout(abs(self.found.time), self.found.sigma)
+        if self.found.time > 0:
+            return LineOrder(first, self.ways[0], self.lines)
+        turned = [reverse_lines(way) for way in self.ways]
+        lines = self.lines
+        if lines is not None:
+            shutters = [None if way is None else reverse_lines(way) for way in lines.shutters]
+            lines = ImageLines(shutters, lines.readouts)
+        return LineOrder(first, turned[0], lines)
+
+
+def _list_ways(direction: str, lenses: int) -> list[list[Shutter]]:
+    """Lists how the lenses may read their lines: all alike, or every other one backwards."""
+    forward = Shutter(direction)
+    alike = [forward] * lenses
+    if lenses == 1:
+        return [alike]
+    return [alike, [reverse_lines(forward) if lens % 2 else forward for lens in range(lenses)]]
+
+
+def _compare_lengths(single: Sequence[FlowReadout]) -> list[float]:
+    """Returns the length of each lens' readout over the longest one.
+
+    They differ only where they clearly do: two sensors of one camera are mostly alike.
+    """
+    clearest = max(single, key=lambda each: each.clearness)
+    lengths = []
+    for each in single:
+        gap = abs(abs(each.time) - abs(clearest.time))
+        differs = gap > _CLEAR * math.hypot(each.sigma, clearest.sigma)
+        lengths.append(max(abs((each if differs else clearest).time), 1e-12))
+    return [length / max(lengths) for length in lengths]
 
 
 def _choose_images(
