@@ -126,5 +126,5 @@ def test_notes_name_the_directions_that_are_open(rng):
 
 def test_solve_rig_without_common_views_says_what_cameras_must_see():
     scene = MovingRig(np.random.default_rng(4), move_straight, overlap=False)
-    with pytest.raises(gsut.SolveError, match="sets no scale.* at the same frame or later"):
+    with pytest.raises(gsut.SolveError, match=r"sets no scale.* at the same frame or later"):
         solve_rig(scene.mapping(rig=scene.rig))

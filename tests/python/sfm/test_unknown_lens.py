@@ -204,9 +204,6 @@ def turning(radians):
         ({"doubt": doubt(0.0, f"{TURNED}, so: walk")}, "poor", TURNED),
         ({"registered": np.arange(30) < 25}, "usable", "5 of 30 images could not"),
         ({"registered": np.arange(30) < 5}, "poor", "only 5 views"),
-        # Images that few points hold.
-        ({"doubt": Findings(held_by_few=list("12345"))}, "usable", "5 of 30 images are held by"),
-        ({"doubt": Findings(held_by_few=[f"{i}" for i in range(13)])}, "usable", "13 of 30 images"),
         ({"colors": 5, "such": 10}, "usable", "10 of 30 images are too dark"),
         ({"colors": 5}, "poor", "30 of 30 images are too dark"),
         # Small pictures have few features; those that have a pose had enough.

@@ -38,7 +38,6 @@ class PosesQuality(PictureQuality):
 
     Attributes:
         registered, points: numbers of images with a pose and of points.
-        held_by_few: number of the images with a pose that few points hold.
         median_px: median residual in pixels; diagonal_px: the images' diagonal.
         halves_px: half of the difference of poses adjusted with either half of the points, pixels
             that nine and six in ten pairs of images stay below; 0 if not measured.
@@ -61,7 +60,6 @@ class PosesQuality(PictureQuality):
     halves_px: tuple[float, float]
     agreement: float
     focal_sigma: float | None
-    held_by_few: int = 0
     focal_gap: float = 0.0
     contradicted: float = 0.0
     readout_turn: float | None = None
@@ -157,13 +155,6 @@ POSES_CHECKS: tuple[Check[PosesQuality], ...] = (
         lambda q: f"{q.images - q.registered} of {q.images} images could not be connected with the "
         "others",
         _ADD_LINKS,
-    ),
-    Check(
-        "images that few points hold",
-        lambda q: (q.images - q.registered + q.held_by_few) / max(1, q.images)
-        if q.held_by_few else 0.0,
-        _SOME_LOST, math.inf,
-        lambda q: f"{q.held_by_few} of {q.images} images are held by few points", _ADD_LINKS,
     ),
     Check(
         "number of views", lambda q: _FEWEST - q.registered, 0, 0,

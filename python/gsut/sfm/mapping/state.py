@@ -68,7 +68,6 @@ class Findings:
             that nine and six in ten pairs of images stay below; None: not measured.
         focal_gap: relative difference of the focal length that the photographs determine from that
             of a given lens, where it contradicts the lens beyond doubt; 0: none.
-        held_by_few: names of images that few points hold.
         motion: why the motion or the scene leaves the lens open, as a sentence, or None.
         figures: of poses.json.
     """
@@ -81,7 +80,6 @@ class Findings:
     focal_sigma: float | None = None
     halves_px: tuple[float, float] | None = None
     focal_gap: float = 0.0
-    held_by_few: list[str] = dataclasses.field(default_factory=list)
     motion: str | None = None
     figures: dict[str, Any] = dataclasses.field(default_factory=dict)
 

@@ -25,12 +25,10 @@ def judge_solution(solution: Solution, features: Sequence[Features], found: Find
     """
     camera = solution.cameras[0]
     motion, alike = found.motion or "", found.look_alikes
-    held_by_few = set(found.held_by_few) & set(solution.registered_names)
     return judge_poses(
         PosesQuality(
             **dataclasses.asdict(measure_pictures(features, solution.registered)),
             registered=solution.num_registered,
-            held_by_few=len(held_by_few),
             points=len(solution.points),
             median_px=solution.median,
             diagonal_px=math.hypot(camera.width, camera.height),

@@ -44,10 +44,9 @@ def register_left_out(mapping: Mapping) -> Mapping:
     any. Does nothing for a rig, or where those left form models of their own.
 
     Returns:
-        The run with solution and pairs, and in its findings which images they are.
+        The run with solution and pairs.
     """
-    found = mapping.found
-    if mapping.rig is not None or found.models:
+    if mapping.rig is not None or mapping.found.models:
         return mapping
     before = set(mapping.solved.unregistered_names)
     while not mapping.solved.registered.all() and len(mapping.solved.points):
@@ -60,13 +59,12 @@ def register_left_out(mapping: Mapping) -> Mapping:
         if more is None or len(mapping.solved.names) > MOST_IMAGES:
             break
     added = sorted(before - set(mapping.solved.unregistered_names))
-    if not added:
-        return mapping
-    mapping.log.note(
-        "poses are less certain of images that share few points with the others: "
-        f"{list_some(added)}"
-    )
-    return mapping.add_findings(held_by_few=[*found.held_by_few, *added])
+    if added:
+        mapping.log.note(
+            "poses are less certain of images that share few points with the others: "
+            f"{list_some(added)}"
+        )
+    return mapping
 
 
 def _find_poses(mapping: Mapping) -> list[tuple[int, int, np.ndarray]]:
