@@ -9,6 +9,7 @@ from __future__ import annotations
 import argparse
 import contextlib
 import dataclasses
+import functools
 import json
 import os
 import subprocess
@@ -124,6 +125,10 @@ class Settings:
             from gsut.demo import write_demo_scene
 
             return self.make(HALL, write_demo_scene)
+        from tests.bench.lens_walks import WALKS, write_walk
+
+        if name in WALKS:
+            return self.make(name, functools.partial(write_walk, name))
         places = [Path(name)] if os.sep in name else []
         places += [self.data / name] if self.data else []
         return next((place for place in places if place.exists()), None)

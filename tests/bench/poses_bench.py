@@ -27,8 +27,10 @@ from gsut.sfm.photographs import find_photographs
 from gsut.sfm.world import read_poses_by_path
 from tests.bench import pycolmap_poses
 from tests.bench.harness import HALL, WRONG, Benchmark, Column, Option, Row, Settings
+from tests.bench.lens_walks import WALKS
 
 _SETS = (HALL, "sponza_fisheye", "fox", "helmet_distorted_rs", "gopro_max_walk")
+LENSES = "lenses"  # a walk through a lens of each family
 KNOWN, UNKNOWN = "known", "unknown"
 ALL, SIFT = "all", "SIFT"
 AUC_DEGREES = (1, 5, 10)
@@ -38,8 +40,10 @@ _FEWEST = 3  # images with a pose, without which there is no similarity to compa
 def list_cases(settings: Settings) -> Iterator[Row]:
     """Lists datasets by lens and program."""
     sets = settings.sets or _SETS
-    for data in sets:
+    for data in [each for name in sets for each in (WALKS if name == LENSES else (name,))]:
         for lens in settings.lens:
+            if lens == UNKNOWN and data in WALKS:
+                continue  # they show what a known lens of each family costs
             path = settings.find(data)
             if lens != UNKNOWN and path is not None and not _has_poses(path):
                 continue  # a folder of images has no lens of its own
@@ -203,7 +207,8 @@ def leave_out_learned() -> contextlib.AbstractContextManager[Any]:
 
 
 BENCHMARK = Benchmark(
-    help="gsut poses, with and without the lens, and pycolmap: errors against known poses, seconds",
+    help="gsut poses, with and without the lens, and pycolmap: errors against known poses, "
+    f"seconds; --sets {LENSES}: through a known lens of each family",
     columns=(
         Column("data"),
         Column("lens"),
