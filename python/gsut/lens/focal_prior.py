@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 
 
 @dataclasses.dataclass(frozen=True)
@@ -23,7 +22,3 @@ class FocalPrior:
     def scale(self, factor: float) -> FocalPrior:
         """Returns the prior of pictures resized by a factor."""
         return dataclasses.replace(self, px=factor * self.px)
-
-    def measure_distance(self, px: float) -> float:
-        """Returns how far a focal length is from this one in standard deviations."""
-        return abs(math.log(px / self.px)) / self.sigma

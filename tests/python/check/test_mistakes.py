@@ -9,7 +9,7 @@ from demo_hall import write_hall
 from gsut.check import check_scene, doctor
 from gsut.cli import main
 from gsut.data.poses import invert_pose
-from gsut.sfm.points import measure_angular_errors
+from gsut.judge import measure_angular_errors
 
 
 @pytest.fixture(scope="module")

@@ -24,7 +24,8 @@ HALF = np.array([1.0, 0.8, 0.9])
 UTM = np.array([691_234.5, 5_334_567.25, 519.125])
 
 
-def moved(pose, offset):
+def move_pose(pose, offset):
+    """The pose of a camera that moves with the world by an offset."""
     out = np.array(pose)
     out[:3, 3] -= out[:3, :3] @ offset
     return out
@@ -38,7 +39,7 @@ def room_maps(offset, count):
         origins, rays, valid = lines_of(camera, pose)
         depth = np.where(valid, box_depth(origins, rays, HALF), np.nan).astype(np.float32)
         image = np.full((120, 120, 3), 51, np.uint8)
-        maps.append(DepthMap(camera, moved(pose, offset), depth, None, image))
+        maps.append(DepthMap(camera, move_pose(pose, offset), depth, None, image))
     return maps
 
 

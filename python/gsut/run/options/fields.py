@@ -12,9 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from gsut._core import InputError
-from gsut.bounds import MOST_WHOLE
-
-_MOST_SHOWN = 80  # characters of a value that is refused
+from gsut.bounds import MOST_WHOLE, show
 
 
 @dataclasses.dataclass(frozen=True)
@@ -176,7 +174,7 @@ def _check_value(label: str, value: Any, info: OptionInfo, kind: Any) -> Any:
         return None
     if isinstance(value, str) and value in info.words:
         return value
-    shown = " ".join(repr(value).split())[:_MOST_SHOWN]  # an array has lines
+    shown = show(repr(value))
     if info.choices:
         if value not in info.choices:
             raise InputError(f"{label} must be one of {', '.join(info.choices)}, found {shown}")

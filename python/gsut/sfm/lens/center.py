@@ -15,12 +15,7 @@ from gsut.sfm.lens.candidates import FREE, explain_implausible
 from gsut.sfm.lens.covariance import LensCovariance
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import PairMatches, keep_most_distinct
-from gsut.sfm.solution import (
-    CENTER,
-    Adjustment,
-    Solution,
-    adjust_registered,
-)
+from gsut.sfm.solution import CENTER, Adjustment, Solution, adjust_registered
 
 # Share of the prior's standard deviation below which images determine a principal point.
 _DETERMINED = 0.5
@@ -30,8 +25,8 @@ def free_center(mapping: Mapping) -> Mapping:
     """Estimates the principal point with everything else, near the middle as far as priors say.
 
     The middle was assumed so far. It stays where the lens is known, under a rolling shutter, for
-    two lenses in one frame, and for a video that may have a rolling shutter. No test decides else:
-    where images say little of the point, its prior holds it.
+    two lenses in one frame, and for a video that may have a rolling shutter. Nothing else
+    decides: where images say little of the point, its prior holds it.
 
     Returns:
         The run with solution and `lens_free`.

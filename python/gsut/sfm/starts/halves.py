@@ -11,10 +11,10 @@ import numpy as np
 from gsut._core import SolveError
 from gsut.data.poses import find_centers
 from gsut.gaussians import measure_rotation_angles
+from gsut.judge import measure_pixels_per_radian
 from gsut.sfm.lens import index_points
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import PairMatches, keep_most_distinct
-from gsut.sfm.points import measure_pixels_per_radian
 from gsut.sfm.solution import (
     MIN_INLIERS,
     Adjustment,

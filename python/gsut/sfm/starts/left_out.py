@@ -11,10 +11,10 @@ from gsut import _core
 from gsut._core import SolveError
 from gsut.data import list_some
 from gsut.data.poses import invert_pose
+from gsut.judge import measure_angular_errors, measure_pixels_per_radian
 from gsut.sfm.lens import join_points
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import PairMatches
-from gsut.sfm.points import measure_angular_errors, measure_pixels_per_radian
 from gsut.sfm.solution import Adjustment, ReadoutMotion, Solution, adjust_registered
 from gsut.sfm.starts.halves import MOST_IMAGES
 
