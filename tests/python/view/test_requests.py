@@ -55,7 +55,8 @@ def make_requests(pose):
         "crop": [[-1, -1, -1], [1, 1, 1]], "marks": [[0, 0, 0], [1, 1, 1]], "quality": 90,
         "share": 0.5, "clean": False, "ground": [0, -1, 0, 0], "turns": 0,
     }  # fmt: skip
-    step = {"do": "select", "frame": frame, "points": [[1, 1], [9, 1], [9, 9]], "front": True}
+    at = {key: frame[key] for key in ("pose", "lens", "width", "height", "turns")}
+    step = {"do": "select", "frame": at, "points": [[1, 1], [9, 1], [9, 9]], "front": True}
     return {
         "scene": {}, "frame": frame, "photo": {"view": 0, "side": 8, "mask": True},
         "lens": {"model": "pinhole", "id": 0, "params": [500.0, 500.0], "fit": [16, 12],
