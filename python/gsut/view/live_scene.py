@@ -17,7 +17,7 @@ from gsut.files import Number, read_picture
 from gsut.run import TrainOptions
 from gsut.sfm.solution import Solution
 from gsut.view.live import LiveTraining
-from gsut.view.server import Reply, Route, takes
+from gsut.view.server import Reply, Route, declare_values
 
 # Least seconds between two looks at the poses while they are found: a look takes milliseconds.
 _LOOK_SECONDS = 0.7
@@ -103,7 +103,7 @@ class LiveScene:
     def _describe_scene(self, _: dict[str, Any]) -> Reply:
         return Reply({"name": self._name, "kind": "making", "shown": 0})
 
-    @takes({"version?": Number(whole=True)})
+    @declare_values({"version?": Number(whole=True)})
     def _report(self, values: dict[str, Any]) -> Reply:
         """Returns what is being done and, if they are newer than "version", cameras and points."""
         with self._lock:
@@ -115,7 +115,7 @@ class LiveScene:
                 content["found"] = self._found
         return Reply(content)
 
-    @takes({"name": str})
+    @declare_values({"name": str})
     def _send_picture(self, values: dict[str, Any]) -> Reply:
         """Returns a small JPEG of the picture with this "name"."""
         import cv2

@@ -62,7 +62,7 @@ Route = Callable[[dict[str, Any]], Reply]
 _Function = TypeVar("_Function", bound=Callable[..., Reply])
 
 
-def takes(shape: dict[str, Any]) -> Callable[[_Function], _Function]:
+def declare_values(shape: dict[str, Any]) -> Callable[[_Function], _Function]:
     """Declares the values of a route's requests, see `check_shape`; it receives no others."""
 
     def declare(route: _Function) -> _Function:

@@ -28,7 +28,7 @@ from gsut.view.lenses import LENS, Lenses
 from gsut.view.named_views import read_named_view
 from gsut.view.page_file import PageSettings, write_page
 from gsut.view.selections import STEPS, Selections
-from gsut.view.server import Reply, Route, takes
+from gsut.view.server import Reply, Route, declare_values
 from gsut.view.shown_gaussians import ShownGaussians
 from gsut.view.stage import Stage
 
@@ -143,7 +143,7 @@ class Session:
         }  # fmt: skip
         return Reply(value)
 
-    @takes(FRAME)
+    @declare_values(FRAME)
     def draw_frame(self, values: dict[str, Any]) -> Reply:
         """Draws a frame as JPEG or PNG."""
         request = self._request(values)
@@ -151,7 +151,7 @@ class Session:
         headers = {} if span is None else {"X-Span": f"{span[0]:.6g} {span[1]:.6g}"}
         return Reply(data, kind, headers)
 
-    @takes(_PHOTOGRAPH)
+    @declare_values(_PHOTOGRAPH)
     def send_photograph(self, values: dict[str, Any]) -> Reply:
         """Returns a photograph: "view", "side" for its longest side, "mask" to tint it, "kind"."""
         import cv2
@@ -183,12 +183,12 @@ class Session:
             pixels[left_out] = (pixels[left_out] * 0.4 + np.array(_MASKED) * 0.6).astype(np.uint8)
         return cv2.cvtColor(turn_picture(pixels, turns), cv2.COLOR_RGB2BGR)
 
-    @takes(LENS)
+    @declare_values(LENS)
     def make_lens(self, values: dict[str, Any]) -> Reply:
         """Makes or reads a lens; see `Lenses.make`."""
         return Reply(self.lenses.describe(self.lenses.make(values)))
 
-    @takes({"frame": FRAME, "pixel": Number(shape=(2,))})
+    @declare_values({"frame": FRAME, "pixel": Number(shape=(2,))})
     def pick_point(self, values: dict[str, Any]) -> Reply:
         """Finds the point that a pixel of a frame sees, in the scene's and the dataset's
         coordinates."""
@@ -202,7 +202,7 @@ class Session:
             {"point": point, "in_dataset": point + self._get_offset(), "distance": distance}
         )
 
-    @takes(SIZE | {"poses": [POSE], "turns?": TURNS})
+    @declare_values(SIZE | {"poses": [POSE], "turns?": TURNS})
     def save_cameras(self, values: dict[str, Any]) -> Reply:
         """Returns the camera of a frame, or keyframes, as a file for `gsut render --path`."""
         _check_keys(values["poses"])
@@ -215,7 +215,7 @@ class Session:
             content["turns"] = turns
         return Reply(format_json(content).encode() + b"\n", "application/json")
 
-    @takes(FILM)
+    @declare_values(FILM)
     def handle_film(self, values: dict[str, Any]) -> Reply:
         """Starts a film ("keys" and so on) or stops it ("stop"); returns its progress."""
         if "keys" in values:
@@ -253,12 +253,12 @@ class Session:
         keys = ("severity", "where", "what", "advice")
         return Reply([{key: getattr(row, key) for key in keys} for row in self.stage.findings])
 
-    @takes({"up": POINT})
+    @declare_values({"up": POINT})
     def find_ground(self, values: dict[str, Any]) -> Reply:
         """Finds the plane that the scene stands on, roughly across "up"."""
         return Reply(locate_ground(self.shown, values["up"]))
 
-    @takes({"far?": bool})
+    @declare_values({"far?": bool})
     def find_floaters(self, values: dict[str, Any]) -> Reply:
         """Finds floaters, which takes up to a second for each photograph; with "far", returns
         progress."""
@@ -269,18 +269,18 @@ class Session:
                 find_floaters(self.shown, lambda done: setattr(self, "_photographs_done", done))
             )
 
-    @takes(SAVED)
+    @declare_values(SAVED)
     def save_scene(self, values: dict[str, Any]) -> Reply:
         """Writes the scene as it is shown to a new file, and the edits "steps" beside it."""
         edits = self._selections.describe(values.get("steps", []))
         return Reply(save_edited(self.shown, values, edits))
 
-    @takes({"steps": STEPS})
+    @declare_values({"steps": STEPS})
     def apply_edits(self, values: dict[str, Any]) -> Reply:
         """Applies the edits "steps", which frames then name by the reply's "key"."""
         return Reply(self._draw(lambda: self._selections.apply(values["steps"]), True))
 
-    @takes({"steps": STEPS})
+    @declare_values({"steps": STEPS})
     def send_edits(self, values: dict[str, Any]) -> Reply:
         """Returns the edits "steps" as a file for `gsut edit --apply`."""
         content = {"edits": self._selections.describe(values["steps"])}
