@@ -57,7 +57,7 @@ class Reply:
     keep: bool = False
 
 
-# A route takes the request's values: the JSON object of a POST's body or of a GET's query.
+# A route takes the request's values: the JSON object that a POST's body or the query of a GET is.
 Route = Callable[[dict[str, Any]], Reply]
 _Function = TypeVar("_Function", bound=Callable[..., Reply])
 
