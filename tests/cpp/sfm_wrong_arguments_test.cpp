@@ -278,6 +278,7 @@ std::vector<WrongCall> ListWrongStructures() {
        [] {
          std::vector<VerifiedPair> pairs(1);
          pairs[0].second = 9;
+         pairs[0].matches.resize(1);
          EstimatePoses(cameras, images, pairs, {}, {});
        }},
       {"readouts of one image",
