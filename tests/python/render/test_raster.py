@@ -292,7 +292,6 @@ class TestOneRay:
             0.9999, abs=tolerances.RENDER_CLOSED_FORM
         )
 
-
     def test_near_cut_of_the_presets_drops_and_own_rule_keeps(self, dtype):
         g = one_gaussian(depth=0.1, scale=0.01)
         seen = {
