@@ -6,7 +6,7 @@ import dataclasses
 import itertools
 import os
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,7 +19,6 @@ from gsut.data.errors import DatasetError, raise_error
 from gsut.data.export import (
     Export,
     find_frame_times,
-    link_file,
     move_file,
     strip_images_folder,
 )
@@ -54,7 +53,6 @@ def convert_dataset(
     *,
     parts: Mapping[str, Any] | None = None,
     poses_topic: str | None = None,
-    link: bool = False,
     scene: Scene | None = None,
     progress: bool = False,
 ) -> list[str]:
@@ -67,10 +65,9 @@ def convert_dataset(
         out: a new folder; or, for a trajectory as TUM writes it (camera-to-world, by time where it
             is known, else by name), a file that ends as .txt.
         to: the layout, "nerfstudio" or "colmap".
-        parts: what dataset.yaml would say, by its keys: lens, poses, points, cameras, time_range
-            and so on; relative paths begin at the working directory.
+        parts: what dataset.yaml would say, by its keys: lens, poses, points, cameras and so
+            on; relative paths begin at the working directory.
         poses_topic: of a bag's poses, where several are there.
-        link: make symbolic links to the pictures in place of copies.
         scene: take poses and lenses from here, by the names of its views.
         progress: show bars.
 
@@ -87,12 +84,13 @@ def convert_dataset(
     given = {key: value for key, value in (parts or {}).items() if value is not None}
     layout = find_layout(source) if source.exists() else None
     if layout is None or layout.unpack is None:
-        place = link_file if link else copy_file
-        cameras = ()
-        if layout is not None and layout.read is not None and not given.keys() >= _PLACES:
-            cameras = given.pop("cameras", ())
-            _require_no_parts(source, given)
-        return _write(_read(source, given), out, to, place, scene, progress, cameras)
+        if given and layout is not None and layout.read is not None and not given.keys() >= _PLACES:
+            raise DatasetError(
+                source, f"'{next(iter(given))}' is given, but its files say which lens and pose "
+                "each picture has",
+                "leave it out; or give both lens and poses, which replace them",
+            )  # fmt: skip
+        return _write(_read(source, given), out, to, copy_file, scene, progress)
     with staging_folder(out) as staging:
         recording = layout.unpack(
             source, staging, poses_topic="" if given.get("poses") else poses_topic,
@@ -130,7 +128,6 @@ def _write(
     place: Callable[[Path, Path], None],
     scene: Scene | None,
     progress: bool,
-    cameras: Sequence[str] = (),
 ) -> list[str]:
     if scene is not None:
         _take_poses(listing, scene)
@@ -138,8 +135,6 @@ def _write(
     lenses = {view.name: checked.file_cameras[view.camera_index] for view in checked.views}
     found = {frame.name: frame for frame in reversed(listing.frames) if frame.name in lenses}
     frames = [dataclasses.replace(found[name], camera=lenses[name]) for name in sorted(found)]
-    if cameras:
-        frames = _choose_cameras(frames, cameras, listing.path)
     notes = list(checked.notes)
     if out.suffix.lower() == ".txt":
         return notes + _write_trajectory(out, frames)
@@ -151,37 +146,6 @@ def _write(
         _with_bar(place, len(frames), progress), listing.up,
     )  # fmt: skip
     return notes + write_layout(out, export, to)
-
-
-def _require_no_parts(source: Path, given: Mapping[str, Any]) -> None:
-    """Requires that nothing is given for a dataset that has it.
-
-    Raises:
-        DatasetError: names the first that is.
-    """
-    for key in given:
-        raise DatasetError(
-            source, f"'{key}' is given, but its files say which lens and pose each picture has",
-            "leave it out; or give both lens and poses, which replace them",
-        )  # fmt: skip
-
-
-def _choose_cameras(frames: list[Frame], cameras: Sequence[str], where: Path) -> list[Frame]:
-    """Chooses the frames whose images lie in folders of these names, below a folder "images".
-
-    Raises:
-        DatasetError: there is no such folder.
-    """
-    folders = {f.name: PurePosixPath(strip_images_folder(f)).parent.as_posix() for f in frames}
-    known = sorted(set(folders.values()) - {"."})
-    unknown = [name for name in cameras if name not in known]
-    if unknown:
-        raise DatasetError(
-            where, f"there is no camera {unknown[0]}: cameras are called as the folders of their "
-            f"images, {', '.join(known) or 'and all lie in one'}",
-            "name one of them" if known else "leave out --cameras",
-        )  # fmt: skip
-    return [frame for frame in frames if folders[frame.name] in cameras]
 
 
 def _with_bar(
