@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import os
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -29,11 +28,10 @@ from gsut.data.memory import check_counts, check_image, check_points
 from gsut.data.poses import check_rigid, format_seconds, format_tum, invert_pose
 from gsut.data.recordings import Recording, pair_recording
 from gsut.data.rigs import BODY, OWN
-from gsut.data.scene import Scene
+from gsut.data.scene import Scene, split_views
 from gsut.files import copy_file, staging_folder, whole_folder, write_file, write_picture
 from gsut.lens import Camera, save_camera
 from gsut.lens.files import OWN_SUFFIX
-from gsut.run import Progress
 
 _DEFAULT = "nerfstudio"
 _PLACES = {"lens", "poses"}  # what replaces those of a dataset
@@ -69,7 +67,7 @@ def convert_dataset(
             on; relative paths begin at the working directory.
         poses_topic: of a bag's poses, where several are there.
         scene: take poses and lenses from here, by the names of its views.
-        progress: show bars.
+        progress: show a bar while a bag is read.
 
     Returns:
         What the layout cannot hold, and what was left out on reading, one sentence each.
@@ -90,7 +88,7 @@ def convert_dataset(
                 "each picture has",
                 "leave it out; or give both lens and poses, which replace them",
             )  # fmt: skip
-        return _write(_read(source, given), out, to, copy_file, scene, progress)
+        return _write(_read(source, given), out, to, copy_file, scene)
     with staging_folder(out) as staging:
         recording = layout.unpack(
             source, staging, poses_topic="" if given.get("poses") else poses_topic,
@@ -102,7 +100,7 @@ def convert_dataset(
         recording = replace_parts(recording, _from_here(given), Path.cwd(), source)
         if recording.poses is None:
             return _write_pictures(recording, out)
-        return _write(pair_recording(recording, raise_error), out, to, move_file, None, progress)
+        return _write(pair_recording(recording, raise_error), out, to, move_file, None)
 
 
 def _write_pictures(recording: Recording, out: Path) -> list[str]:
@@ -127,7 +125,6 @@ def _write(
     to: str,
     place: Callable[[Path, Path], None],
     scene: Scene | None,
-    progress: bool,
 ) -> list[str]:
     if scene is not None:
         _take_poses(listing, scene)
@@ -142,23 +139,9 @@ def _write(
     held_out = {checked.views[i].name for i in checked.test_indices}
     test = [frame.name for frame in frames if frame.name in held_out] if has_lists else None
     export = Export(
-        frames, listing.points, listing.point_colors, test,
-        _with_bar(place, len(frames), progress), listing.up,
+        frames, listing.points, listing.point_colors, test, place, listing.up,
     )  # fmt: skip
     return notes + write_layout(out, export, to)
-
-
-def _with_bar(
-    place: Callable[[Path, Path], None], total: int, progress: bool
-) -> Callable[[Path, Path], None]:
-    """Returns `place` with a progress bar that counts pictures."""
-    bars, done = Progress(progress), itertools.count(1)
-
-    def place_and_show(source: Path, target: Path) -> None:
-        place(source, target)
-        bars.show("pictures", min(next(done), total), total)
-
-    return place_and_show
 
 
 def _read(source: Path, parts: Mapping[str, Any]) -> Listing:
@@ -187,25 +170,6 @@ def _take_poses(listing: Listing, scene: Scene) -> None:
         if view is not None:
             frame.world_from_camera = invert_pose(scene.to_dataset(view.camera_from_world))
             frame.camera = scene.file_cameras[view.camera_index]
-
-
-def _find_held_out(frames: Sequence[Frame], wanted: Sequence[str] | None) -> list[str] | None:
-    """Finds the frames named in a list of names, file names or stems.
-
-    Raises:
-        InputError: one of them is no frame.
-    """
-    if wanted is None:
-        return None
-    aliases = {
-        alias: frame.name
-        for frame in frames
-        for alias in (Path(frame.name).stem, Path(frame.name).name, frame.name)
-    }
-    absent = [name for name in wanted if name not in aliases]
-    if absent:
-        raise InputError(f"{absent[0]} is held out, but there is no such image")
-    return sorted({aliases[name] for name in wanted})
 
 
 def _write_trajectory(out: Path, frames: Sequence[Frame]) -> list[str]:
@@ -295,10 +259,14 @@ def save_dataset(
                     mask_path=mask, time_ns=None if times_ns is None else int(times_ns[i]),
                 )
             )  # fmt: skip
+        held_out = None
+        if test_names is not None:
+            _, rows, _ = split_views([frame.name for frame in frames], out, test_names=test_names)
+            held_out = [frames[row].name for row in rows]
         return write_layout(
             out,
             Export(
-                frames, xyz, rgb, _find_held_out(frames, test_names),
+                frames, xyz, rgb, held_out,
                 lambda here, there: (
                     move_file if here.is_relative_to(folder) else copy_file
                 )(here, there),

@@ -26,7 +26,7 @@ def fit_spline(
         focal, centre: (2,) pixels: of the projection that the spline bends.
         points: (N, 3) in the camera frame; the control points reach a little beyond the farthest.
         pixels: (N, 2).
-        columns: control points across the image; down it there are as many as the same pitch needs.
+        columns: control points across the image; their number down it follows from the pitch.
 
     Raises:
         InputError: too few control points; points that no such lens sees.
