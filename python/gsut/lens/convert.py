@@ -10,6 +10,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
+from gsut.bounds import name_wrong_kinds
 from gsut.lens.camera import Camera
 from gsut.lens.fit import CONTROL_COLUMNS, FitTarget, check_model, find_angles, fit_lens
 
@@ -69,6 +70,7 @@ class Conversion:
         return "\n".join(lines)
 
 
+@name_wrong_kinds
 def convert_camera(
     camera: Camera,
     model: str,
