@@ -19,7 +19,7 @@ struct Channels {
   const T* values = nullptr;      // (N, D)
   const T* background = nullptr;  // (D): what shows where nothing is
 
-  // Throws InputError unless they can be those of so many Gaussians.
+  // Throws InputError unless there is a row of them for each Gaussian.
   void Check(std::int64_t gaussians) const {
     if (count < 0) throw InputError("the number of channels is below 0");
     if (count == 0) return;
