@@ -166,8 +166,6 @@ bool HasDescriptors(const std::vector<ImageFeatures>& images);
 struct StructureProgress {
   int registered = 0, images = 0, points = 0;
   const char* step = "";  // what was just done
-  // Returns the structure so far, without covariances; valid during the call that it is given to.
-  std::function<Structure()> look;
 };
 
 // Incremental: the pair with most parallax over many matches first, then one photograph after the

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from gsut.cli._flags import add_json, add_quiet, print_json, read_folder_name
 from gsut.cli.view import LivePage, add_live_flags
@@ -47,11 +46,10 @@ def run(arguments: argparse.Namespace) -> int:
     was_finished = is_scene_finished(arguments.out)
     is_silent = arguments.quiet or arguments.json
     with LivePage(arguments) as page:
-        watcher = None if was_finished else page.open(Path(arguments.out).resolve().name)
         try:
             result = gsut.scene(
                 arguments.inputs, arguments.out, options, progress=not arguments.quiet,
-                watcher=watcher,
+                watch=page.begin_training,
             )  # fmt: skip
         except KeyboardInterrupt as interrupt:
             scene_kept = f"; {interrupt}" if str(interrupt) else ""

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.bounds import FARTHEST, check_direction, check_number
+from gsut.bounds import FARTHEST
 from gsut.data.poses import check_rigid
 from gsut.orientation import turn_camera, turn_pixel, turn_size
 from gsut.view.lenses import check_size
@@ -37,16 +37,12 @@ class FrameRequest:
         mode: one of MODES.
         view: the photograph whose pose this is, or None.
         shutter: the photograph whose rolling shutter is used, or None.
-        layers: names of what is drawn over it: cameras, points, domain, axes, box.
-        crop: (2, 3) lower and upper corner of the box in `ShownGaussians.axes`, or None.
+        layers: names of what is drawn over it: cameras, points, domain.
         marks: (n, 3) measured points.
         quality: of the JPEG; None: a lossless PNG.
         share: of the Gaussians, the most visible ones; below 1 while the eye moves.
-        clean: leave floaters out, once `ShownGaussians.floaters` is known.
         turns: quarter turns clockwise from the image, whose pose, lens and size these are, to the
             picture on the page.
-        ground: (4,) a plane's normal n and d, with n . x = d on it, that the layer "axes" draws;
-            None: across `ShownGaussians.axes` through the scene's middle.
         edits: key of the edits by hand, see `Selections`; None: none.
     """
 
@@ -58,12 +54,9 @@ class FrameRequest:
     view: int | None = None
     shutter: int | None = None
     layers: frozenset[str] = frozenset()
-    crop: np.ndarray | None = None
     marks: np.ndarray | None = None
     quality: int | None = FULL_QUALITY
     share: float = 1.0
-    clean: bool = False
-    ground: np.ndarray | None = None
     turns: int = 0
     edits: str | None = None
 
@@ -93,10 +86,7 @@ class FrameRequest:
             view, shutter = (
                 None if values.get(key) is None else int(values[key]) for key in ("view", "shutter")
             )
-            crop = None if not values.get("crop") else np.array(values["crop"], np.float64)
             marks = np.array(values.get("marks") or [], np.float64).reshape(-1, 3)
-            ground = values.get("ground")
-            ground = None if ground is None else np.array(ground, np.float64).reshape(4)
             quality = values.get("quality", FULL_QUALITY)
             quality = None if quality is None else min(100, max(5, int(quality)))
             lens, share = int(values["lens"]), float(values.get("share", 1))
@@ -112,19 +102,14 @@ class FrameRequest:
             raise InputError(f"there is no such photograph; there are {num_views}")
         if share not in SHARES:
             raise InputError(f"share must be one of {SHARES}, found {share}")
-        if crop is not None and (crop.shape != (2, 3) or not (np.abs(crop) <= FARTHEST).all()):
-            raise InputError("crop must be two corners of three numbers")
         if len(marks) > _MOST_MARKS:
             raise InputError(f"at most {_MOST_MARKS} points are marked, found {len(marks)}")
         if not (np.abs(marks) <= FARTHEST).all():
             raise InputError("marks must be finite")
-        if ground is not None:
-            check_direction(ground[:3], "the ground's normal")
-            check_number(ground[3], "the ground's level", -FARTHEST, FARTHEST)
         layers = frozenset(values.get("layers") or ())
         return cls(
-            pose, lens, width, height, mode, view, shutter, layers, crop, marks, quality, share,
-            bool(values.get("clean")), ground, turns, values.get("edits") or None,
+            pose, lens, width, height, mode, view, shutter, layers, marks, quality, share, turns,
+            values.get("edits") or None,
         )  # fmt: skip
 
 
