@@ -76,7 +76,6 @@ HARD_CASES = {
 OCAM_RAYS = 1.7e-15  # unit rays against OCamCalib's and MATLAB's formulae; worst 8.4e-16
 # OCamCalib's own inverse polynomial, as published beside a calibration, against the exact inverse
 OCAM_PUBLISHED_INVERSE = 0.29  # pixels; worst 0.146
-OCAM_WRITTEN_INVERSE = 0.01  # pixels, of the inverse polynomial that gsut writes
 # The matrix of every lens and command: 64 pixels, 60 blobs, 40 steps
 EVERY_LENS_GREY_LEVELS = 0.6  # a photograph of 8 bits against the truth rendered again
 EVERY_LENS_GAIN_DB = 0.94  # least observed 1.88, of equirectangular

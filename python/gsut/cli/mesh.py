@@ -16,7 +16,7 @@ from gsut.cli._flags import (
     count,
     finite,
     positive,
-    print_json,
+    print_result,
     show_findings,
 )
 from gsut.files import refuse_existing
@@ -110,8 +110,4 @@ def run(arguments: argparse.Namespace) -> int:
         "vertices": len(mesh.vertices), "faces": len(mesh.faces),
         "seconds": time.perf_counter() - began, "out": str(out),
     }  # fmt: skip
-    if arguments.json:
-        print_json(figures)
-    elif not arguments.quiet:
-        print(f"{out}: {mesh}, {figures['seconds']:.1f} s")
-    return 0
+    return print_result(arguments, figures, [f"{out}: {mesh}, {figures['seconds']:.1f} s"])

@@ -11,7 +11,7 @@ import webbrowser
 from typing import Any, TextIO
 
 from gsut._core import InputError
-from gsut.cli._flags import add_json, add_moved_data, print_json
+from gsut.cli._flags import add_json, add_moved_data, print_result
 from gsut.terminal import say
 
 HELP = "walk through a scene in the browser"
@@ -74,9 +74,8 @@ def run(arguments: argparse.Namespace) -> int:
         contextlib.suppress(KeyboardInterrupt),
         open_server(Session(stage).routes, arguments, told) as server,
     ):
-        if arguments.json:
-            print_json({"address": server.address})
-            sys.stdout.flush()
+        print_result(arguments, {"address": server.address}, ())
+        sys.stdout.flush()
         wait_for_end()
     return 0
 

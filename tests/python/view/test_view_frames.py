@@ -100,11 +100,10 @@ def test_a_frame_coarser_than_the_photographs_is_filtered_once_it_rests(session,
 @pytest.mark.threads
 def test_small_and_large_frames_at_once_have_the_bits_of_each_alone(session, scene, monkeypatch):
     monkeypatch.setattr("gsut.view.frame_request._LARGE_PIXELS", SIZE * SIZE)
-    box = [[-9, -9, -9], [9, 9, 0.5]]
     asked = [
         wanted(scene, row % 6, width=side, height=side, **more)
         for row in range(12)
-        for more in ({"share": 0.5}, {"crop": box, "mode": "distance"}, {"layers": ["domain"]})
+        for more in ({"share": 0.5}, {"mode": "distance"}, {"layers": ["domain"]})
         for side in (SIZE, 2 * SIZE)
     ]  # fmt: skip
     alone = [session.draw_frame(values).content for values in asked]

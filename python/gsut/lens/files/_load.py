@@ -89,10 +89,9 @@ def save_camera(camera: Camera, path: _Path, format: str | None = None) -> None:
         camera: the lens.
         path: a file; its name chooses the format: *.cameramodel (mrcal), *camchain*.yaml (Kalibr),
             *.lens.json (gsut, which holds every lens), other *.yaml or *.yml and *.json (OpenCV),
-            transforms*.json (nerfstudio), *calib_results*.txt (OCamCalib), other *.txt and *.bin
-            (COLMAP).
-        format: "mrcal", "gsut", "opencv", "kalibr", "nerfstudio", "ocam", "colmap" or
-            "colmap-binary", to choose it by hand.
+            transforms*.json (nerfstudio), *.txt and *.bin (COLMAP).
+        format: "mrcal", "gsut", "opencv", "kalibr", "nerfstudio", "colmap" or "colmap-binary", to
+            choose it by hand.
 
     Raises:
         InputError: the format cannot hold this lens, or is unknown.
