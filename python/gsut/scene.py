@@ -154,7 +154,9 @@ def _find_poses(
 ) -> tuple[dict[str, Any], float]:
     """Finds poses and lens; returns the content of poses.json and the seconds taken here."""
     o, out = folder.options, folder.poses
-    options = add_lens_readout(PosesOptions(fov=o.fov), o.camera, pictures.figures)
+    options = add_lens_readout(
+        PosesOptions(fov=o.fov, keep_all_pixels=o.keep_all_pixels), o.camera, pictures.figures
+    )
     done = read_finished(pictures.path, out, o.camera, options)
     if done is not None:
         return done, 0.0
@@ -178,8 +180,8 @@ def _announce(options: SceneOptions, pictures: Capture) -> str:
 
 
 def _make_training_options(options: SceneOptions) -> TrainOptions:
-    o = TrainOptions(preset=options.preset)
-    return o if options.steps is None else TrainOptions(preset=options.preset, steps=options.steps)
+    given = {} if options.steps is None else {"steps": options.steps}
+    return TrainOptions(preset=options.preset, keep_all_pixels=options.keep_all_pixels, **given)
 
 
 def _train(

@@ -34,6 +34,9 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     add_option_flags(parser, SceneOptions)
     add_live_flags(parser)
+    parser.add_argument(
+        "--no-open", action="store_true", help="do not open the page of --view in a browser"
+    )
     add_quiet(parser)
     add_json(parser)
 

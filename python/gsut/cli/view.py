@@ -58,7 +58,7 @@ def open_server(routes: dict[str, Any], arguments: argparse.Namespace, file: Tex
     address = arguments.serve
     server = ViewServer(routes, *(address or ()))
     print(f"gsut view: {server.address} (Ctrl-C ends it)", file=file, flush=True)
-    if address is None and has_display():
+    if address is None and not getattr(arguments, "no_open", False) and has_display():
         webbrowser.open(server.address)
     return server
 

@@ -123,7 +123,7 @@ def copied(finished_scene, tmp_path):
     shutil.copy(words[1], video)
     for path in (run / "scene.json", run / "gsut.json", run / "poses/capture/capture.json"):
         path.write_text(path.read_text().replace(words[1], str(video)))
-    return run, video, ["scene", str(video), *words[2:], "-o", str(run)]
+    return run, video, ["scene", str(video), *words[2:], "-o", str(run), "--no-open"]
 
 
 def test_changed_film_of_a_trained_scene_is_refused(copied, capsys):
