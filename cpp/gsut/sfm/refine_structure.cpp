@@ -76,7 +76,7 @@ void ReportProgress(const SceneMap& map, const char* step,
                     const std::function<bool(const StructureProgress&)>& on_progress) {
   if (!on_progress) return;
   const StructureProgress progress = {map.num_registered(), map.num_images(), map.num_points(),
-                                      step, [&map] { return map.Result(false); }};
+                                      step};
   if (!on_progress(progress)) throw SolveError("stopped");
 }
 

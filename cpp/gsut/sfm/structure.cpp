@@ -351,8 +351,7 @@ class Mapper {
   void ReportProgress(const char* step) const {
     if (!on_progress_) return;
     const StructureProgress progress = {map_->num_registered(), map_->num_images(),
-                                        map_->num_points(), step,
-                                        [this] { return map_->Result(false); }};
+                                        map_->num_points(), step};
     if (!on_progress_(progress)) throw SolveError("stopped");
   }
 

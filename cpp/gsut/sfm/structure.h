@@ -170,8 +170,6 @@ void CheckStructure(const std::vector<Camera>& cameras, const std::vector<ImageF
 struct StructureProgress {
   int registered = 0, images = 0, points = 0;
   const char* step = "";  // what was just done
-  // Returns the structure so far, without covariances; valid during the call that it is given to.
-  std::function<Structure()> look;
 };
 
 // Incremental: the pair with most parallax over many matches first, then one photograph after the
