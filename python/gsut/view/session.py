@@ -30,8 +30,6 @@ from gsut.view.server import Reply, Route, declare_values
 from gsut.view.shown_gaussians import ShownGaussians
 from gsut.view.stage import Stage
 
-# Longer side of a thumbnail in pixels.
-_THUMBNAIL = 160
 # JPEG quality of a photograph.
 _PHOTO_QUALITY = 90
 # Quality of a photograph as WebP, in a page of one file: as good to the eye, half the bytes.
@@ -44,7 +42,7 @@ _MOST_DECODING = 2
 _MOST_KEYS = 20_000
 # Shape of a request for a photograph.
 _PHOTOGRAPH = {
-    "view": Number(whole=True), "side?": Number(1, whole=True), "mask?": bool, "kind?": str,
+    "view": Number(whole=True), "side": Number(1, whole=True), "mask?": bool, "kind?": str,
 }  # fmt: skip
 _Result = TypeVar("_Result")
 
@@ -150,7 +148,7 @@ class Session:
         import cv2
 
         scene = self._require_scene()
-        index, side = int(values["view"]), values.get("side", _THUMBNAIL)
+        index, side = int(values["view"]), int(values["side"])
         if not 0 <= index < len(scene):
             raise InputError(f"there is no photograph {index}; there are {len(scene)}")
         with self._decoding:
