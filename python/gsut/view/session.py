@@ -24,7 +24,7 @@ from gsut.view.frame_request import FRAME, MODES, POSE, SIZE, TURNS, FrameReques
 from gsut.view.frames import Frames
 from gsut.view.lenses import LENS, Lenses
 from gsut.view.named_views import read_named_view
-from gsut.view.page_file import PageSettings, write_page
+from gsut.view.page_file import write_page
 from gsut.view.selections import STEPS, Selections
 from gsut.view.server import Reply, Route, declare_values
 from gsut.view.shown_gaussians import ShownGaussians
@@ -107,9 +107,9 @@ class Session:
         views: Sequence[str] = (), address: str | None = None, credit: str | None = None,
     ) -> Any:  # fmt: skip
         """Writes the page with the scene in it as one file; views: "NAME=WHERE", else as
-        `PageSettings`."""
-        named = tuple(read_named_view(text, self.stage) for text in views)
-        return write_page(path, self, PageSettings(photographs, title, named, address, credit))
+        `page_file.write_page`."""
+        named = [read_named_view(text, self.stage) for text in views]
+        return write_page(path, self, photographs, named, title, address, credit)
 
     def describe_scene(self, _: dict[str, Any]) -> Reply:
         """Returns everything that the page needs at its start."""
