@@ -35,7 +35,6 @@ from gsut.scene_folder import POSES, SceneFolder
 from gsut.sfm import (
     PosesLog,
     PosesOptions,
-    add_lens_readout,
     check_lens,
     find_poses,
     is_finished,
@@ -159,7 +158,7 @@ def _find_poses(
 ) -> tuple[dict[str, Any], float]:
     """Finds poses and lens; returns the content of poses.json and the seconds taken here."""
     o, out = folder.options, folder.poses
-    options = add_lens_readout(PosesOptions(fov=o.fov), o.camera, pictures.figures)
+    options = PosesOptions(fov=o.fov)
     done = read_finished(pictures.path, out, o.camera, options)
     if done is not None:
         return done, 0.0

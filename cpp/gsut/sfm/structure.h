@@ -147,9 +147,9 @@ struct Structure {
   std::vector<StructurePoint> points;
   int initial_first = -1, initial_second = -1;
   int restarts = 0;
-  double rms = 0.0;          // pixels: root of the mean squared length of the residuals
-  double median = 0.0;       // pixels: median length
-  double held_out = 0.0;     // pixels: median length at held-out observations; 0 if there are none
+  double rms = 0.0;       // pixels: root of the mean squared length of the residuals
+  double median = 0.0;    // pixels: median length
+  double held_out = 0.0;  // pixels: median length at held-out observations; 0 if there are none
   int num_held_out = 0;
   // (6, 6) of (centre in the world, turn in the camera frame), see PoseCovariances; 0 where not
   // registered. The first image's pose and one component of the second's centre are held.

@@ -214,9 +214,9 @@ def _align_with_gps(centers: np.ndarray, target: np.ndarray, up: np.ndarray | No
         return _Aligned(None, False, figures, words)
     if share > _MOST_OFF or good.mean() < _FITTING:
         words = (
-            f"GPS is {limit:.1f} m off the cameras' path, which extends {way:.1f} m about its "
-            "middle: GPS is too coarse or of another moment, or the poses are wrong; scale and "
-            "north stay open"
+            f"GPS contradicts the cameras' path, which extends {way:.1f} m about its middle, by "
+            f"{limit:.1f} m: GPS is too coarse or of another moment, or the poses are wrong; scale "
+            "and north stay open"
         )
         return _Aligned(None, False, figures, words)
     scale = transform[0]
