@@ -89,8 +89,10 @@ def run(arguments: argparse.Namespace) -> int:
 
 def capture_first(arguments: argparse.Namespace, options: PosesOptions) -> str | os.PathLike[str]:
     """Chooses pictures of a video or of photographs without a lens; other inputs stay as given."""
-    images, camera = arguments.images, arguments.camera
-    if arguments.rig is not None or not needs_capture(images, camera, options.unknown_lens):
+    images = arguments.images
+    if arguments.rig is not None or not needs_capture(
+        images, arguments.camera, options.unknown_lens
+    ):
         return images
     with Progress(not arguments.quiet) as bars:
         taken = capture(

@@ -75,7 +75,7 @@ def test_prefer_rival_that_loses_most_images_keeps_current(rng, matches):
 def test_prefer_images_without_pose_count_their_matches_as_wrong(rng, matches):
     errors = make_errors(rng, matches)
     lost = np.where((matches.images < IMAGES // 2).any(axis=1), np.nan, errors)
-    found = prefer(Structure(lost), rival := Structure(errors), matches)
+    found = prefer(Structure(lost), Structure(errors), matches)
     assert found.is_rival
 
 
