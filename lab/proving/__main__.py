@@ -47,7 +47,7 @@ def build_parser() -> argparse.ArgumentParser:
         "pictures), train (on the true ones), bits (two numbers of threads), causes (seven small "
         "trainings, six with one thing wrong), "
         "mistakes (the usual ones planted), exact (doctor on right data, whole and thinned), "
-        "regret (ten small trainings with the degree, Gaussians or steps fixed) "
+        "regret (a training with the degree that it chooses, four with a fixed one) "
         "[default: %(default)s]",
     )
     parser.add_argument(

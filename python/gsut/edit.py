@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from gsut.bounds import name_wrong_kinds
 from gsut.compact import SeenView, Support, find_support, list_seen_views
 from gsut.gaussians import (
     Gaussians,
@@ -29,6 +30,7 @@ __all__ = [
 ]
 
 
+@name_wrong_kinds
 def is_inside_box(gaussians: Gaussians, low: np.ndarray, high: np.ndarray) -> np.ndarray:
     """Returns which Gaussians have their centres in a box.
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
+from gsut.bounds import name_wrong_kinds
 from gsut.data.poses import check_rigid
 from gsut.files import Number, check_shape, read_json, register_reader
 from gsut.gaussians import Gaussians
@@ -40,6 +41,7 @@ class Edited:
     selected: np.ndarray
 
 
+@name_wrong_kinds
 def read_edits(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
     """Reads the edits that the viewer saves.
 
@@ -94,6 +96,7 @@ def check_edit(edit: Mapping[str, Any], where: object) -> None:
         camera_from_values(edit["lens"], str(where))
 
 
+@name_wrong_kinds
 def apply_edits(gaussians: Gaussians, edits: Iterable[Mapping[str, Any]]) -> np.ndarray:
     """Repeats edits that were made by hand.
 

@@ -2,11 +2,12 @@
 
 from gsut import _core
 from gsut._core import active_isa, available_isas, describe_build, set_isa
-from gsut.bounds import check_number
+from gsut.bounds import check_number, name_wrong_kinds
 
 __all__ = ["active_isa", "available_isas", "describe_build", "set_isa"]
 
 
+@name_wrong_kinds
 def set_num_threads(num_threads: int) -> None:
     """Sets the number of threads of all parallel loops. Results do not depend on it.
 

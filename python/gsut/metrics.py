@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from gsut import _core
 from gsut._core import InputError
+from gsut.bounds import name_wrong_kinds
 
 __all__ = ["color_corrected_psnr", "ring_psnr", "weighted_psnr"]
 
@@ -56,6 +57,7 @@ def _read_mask(mask: ArrayLike | None, shape: tuple[int, ...]) -> np.ndarray:
     return array != 0
 
 
+@name_wrong_kinds
 def psnr(a: ArrayLike, b: ArrayLike, mask: ArrayLike | None = None) -> float:
     """Computes the peak signal-to-noise ratio over unmasked pixels and all channels.
 
@@ -72,6 +74,7 @@ def psnr(a: ArrayLike, b: ArrayLike, mask: ArrayLike | None = None) -> float:
     return _core.psnr(*_pair(a, b), mask, None)
 
 
+@name_wrong_kinds
 def weighted_psnr(
     a: ArrayLike, b: ArrayLike, weights: ArrayLike, mask: ArrayLike | None = None
 ) -> float:
@@ -94,6 +97,7 @@ def weighted_psnr(
     return _core.psnr(*_pair(a, b), mask, weights)
 
 
+@name_wrong_kinds
 def ssim(
     a: ArrayLike, b: ArrayLike, mask: ArrayLike | None = None, window_rule: str = "valid"
 ) -> float:
@@ -117,6 +121,7 @@ def ssim(
     return _core.ssim(*_pair(a, b), mask, window_rule)
 
 
+@name_wrong_kinds
 def ring_psnr(
     a: ArrayLike,
     b: ArrayLike,
@@ -193,6 +198,7 @@ def _fit_transform(colors: np.ndarray, wanted: np.ndarray) -> np.ndarray:
     return np.eye(3, 4) + np.linalg.lstsq(normal, side, rcond=_UNDETERMINED)[0].T
 
 
+@name_wrong_kinds
 def color_corrected_psnr(
     image: ArrayLike, truth: ArrayLike, mask: ArrayLike | None = None
 ) -> float:

@@ -170,6 +170,12 @@ SHARED = {
         + [lambda sure: sure.describe()],
     ),
     "Verdict": (lambda _: gsut.Verdict("good", "a scene"), [str, lambda v: v.as_dict()]),
+    "CaptureAlignment": (
+        lambda _: gsut.poses.CaptureAlignment(
+            2.0, np.eye(3), np.ones(3), 0.01, 0.1, 0.1, ("a",), ()
+        ),
+        [lambda found: found.apply(blobs()), lambda found: found.move_pose(np.eye(4))],
+    ),
     "Mesh": (
         lambda _: tetrahedra(),
         [lambda mesh: mesh.compute_normals(), lambda mesh: mesh.compute_face_vectors(),

@@ -1,15 +1,21 @@
 """Public functions name an argument of a wrong kind in one sentence, not where it first fails."""
 
+import importlib
 import inspect
 
 import numpy as np
 import pytest
 
 import gsut
+from public_names import list_public_names
 from random_scenes import fisheye, gaussians_in_view, rng_of
 
 FUNCTIONS = {
-    name: function for name in gsut.__all__ if inspect.isfunction(function := getattr(gsut, name))
+    f"{module}.{name}": function
+    for module, names in list_public_names().items()
+    for name in names
+    if inspect.isfunction(function := getattr(importlib.import_module(module), name))
+    and inspect.signature(function).parameters
 }
 CAMERA = fisheye()
 GAUSSIANS = gaussians_in_view(rng_of("kinds"), CAMERA, np.eye(4), 20)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
+from gsut.bounds import name_wrong_kinds
 from gsut.compact.scores import Passes, SeenView, paint_grey
 from gsut.gaussians import SH_C0, Gaussians
 from gsut.render import Confidence, Light, render
@@ -20,6 +21,7 @@ _MOST_HELD_OUT = 16
 _MOST_PIXELS = 20_000
 
 
+@name_wrong_kinds
 def measure_confidence(
     scene: Any,
     gaussians: Gaussians,

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
+from gsut.bounds import name_wrong_kinds
 from gsut.compact.scores import Passes, SeenView
 from gsut.gaussians import Gaussians
 from gsut.render import Light
@@ -49,6 +50,7 @@ class Support:
         return ~self.unseen & (self.total - self.most < -_HARM * self.other_weight)
 
 
+@name_wrong_kinds
 def find_support(
     scene: Any,
     gaussians: Gaussians,

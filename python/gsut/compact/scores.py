@@ -10,6 +10,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
+from gsut.bounds import name_wrong_kinds
 from gsut.gaussians import SH_C0, Gaussians
 from gsut.render import place_about
 
@@ -29,6 +30,7 @@ class SeenView:
     mask: np.ndarray
 
 
+@name_wrong_kinds
 def list_seen_views(scene: Any, indices: Sequence[int]) -> list[SeenView]:
     """Lists views of a scene without their photographs, for `compact` to look through.
 

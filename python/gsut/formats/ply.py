@@ -12,6 +12,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
+from gsut.bounds import name_wrong_kinds
 from gsut.files import create_file, open_binary, register_reader
 from gsut.formats._format import (
     ELSEWHERE,
@@ -201,6 +202,7 @@ def _warn_of_activated(path: str | os.PathLike[str], gaussians: Gaussians) -> No
         )
 
 
+@name_wrong_kinds
 def save_ply(
     path: str | os.PathLike[str],
     gaussians: Gaussians,

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.bounds import check_direction
+from gsut.bounds import check_direction, name_wrong_kinds
 from gsut.gaussians.arrays import Gaussians
 from gsut.gaussians.quaternions import rotations_from_quaternions
 
@@ -27,6 +27,7 @@ _LAYERS = 64
 _LAYER_SHARE = 0.3
 
 
+@name_wrong_kinds
 def merge_gaussians(scenes: Sequence[Gaussians]) -> Gaussians:
     """Joins scenes of one world, in their order.
 
@@ -60,6 +61,7 @@ def merge_gaussians(scenes: Sequence[Gaussians]) -> Gaussians:
     return dataclasses.replace(parts[0], **joined)
 
 
+@name_wrong_kinds
 def find_ground(gaussians: Gaussians, up: np.ndarray) -> tuple[np.ndarray, float]:
     """Finds the plane that a scene stands on from its nearly level surfaces.
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
+from gsut.bounds import name_wrong_kinds
 from gsut.gaussians.arrays import Gaussians
 
 # Highest degree of harmonics that a scene may have.
@@ -16,6 +17,7 @@ _MAX_SH_DEGREE = 3
 _COLOR_ROUNDING = 0.5 / 255
 
 
+@name_wrong_kinds
 def seed_from_points(
     points: np.ndarray,
     colors: np.ndarray | None = None,
@@ -133,6 +135,7 @@ def sample_points_in_view(
     return points
 
 
+@name_wrong_kinds
 def seed_in_view(
     cameras: _core.Camera | Sequence[_core.Camera],
     poses: np.ndarray,

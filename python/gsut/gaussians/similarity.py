@@ -8,7 +8,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.bounds import LEAST_SCALE, check_direction, check_number, check_vector
+from gsut.bounds import LEAST_SCALE, check_direction, check_number, check_vector, name_wrong_kinds
 from gsut.gaussians.arrays import Gaussians
 from gsut.gaussians.quaternions import multiply_quaternions, quaternion_from_rotation
 
@@ -20,6 +20,7 @@ _ORTHOGONAL = 1e-6
 _UP = np.array([0.0, -1.0, 0.0])
 
 
+@name_wrong_kinds
 def transform_gaussians(
     gaussians: Gaussians,
     rotation: np.typing.ArrayLike,
@@ -73,6 +74,7 @@ def rotate_harmonics(degree: int, rotation: np.ndarray) -> np.ndarray:
     return np.linalg.lstsq(after, before, rcond=None)[0]
 
 
+@name_wrong_kinds
 def rotate_upright(up: np.typing.ArrayLike) -> np.ndarray:
     """Returns the shortest rotation that takes a direction to -y, which is up in viewers.
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
+from gsut.bounds import name_wrong_kinds
 from gsut.lens.camera import Camera
 from gsut.lens.fit import FitTarget, check_model, find_angles, fit_lens
 from gsut.lens.fit_spline import SplineGrid
@@ -70,6 +71,7 @@ class Conversion:
         return "\n".join(lines)
 
 
+@name_wrong_kinds
 def convert_camera(
     camera: Camera,
     model: str,

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
+from gsut.bounds import name_wrong_kinds
 from gsut.files import parse_json, read_package_file
 from gsut.lens.camera import Camera
 from gsut.lens.field import measure_field_of_view
@@ -168,6 +169,7 @@ def load_profiles() -> tuple[LensProfile, ...]:
     )
 
 
+@name_wrong_kinds
 def find_lenses(
     words: str | Sequence[str], *, size: tuple[int, int] | None = None
 ) -> list[LensProfile]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gsut._core import InputError, camera_traits
+from gsut.bounds import name_wrong_kinds
 from gsut.lens.camera import Camera
 from gsut.lens.fit import FitTarget, find_angles, fit_lens
 
@@ -12,6 +13,7 @@ _FEWEST = 8  # rays: the four numbers of the first guess, twice over
 _NEAR_AXIS = 0.5  # radians: rays from which focal length and principal point are guessed
 
 
+@name_wrong_kinds
 def fit_camera(
     pixels: np.typing.ArrayLike,
     rays: np.typing.ArrayLike,

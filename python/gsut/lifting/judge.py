@@ -7,10 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from gsut.bounds import name_wrong_kinds
 from gsut.lifting.back_projection import choose_camera, resize_mask
 from gsut.lifting.lifted import UNKNOWN, Lifted
 
 
+@name_wrong_kinds
 def judge_lifted(
     lifted: Lifted,
     gaussians: Any,

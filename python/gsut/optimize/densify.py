@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from gsut import _core
+from gsut.bounds import name_wrong_kinds
 from gsut.optimize.optimizer import GaussianOptimizer, allow_one_thread
 
 # Actions of an adaptive plan, as the core numbers them.
@@ -32,6 +33,7 @@ class AdaptiveCounts(NamedTuple):
     split: int
 
 
+@name_wrong_kinds
 @allow_one_thread
 def densify_mcmc(
     optimizer: GaussianOptimizer,
@@ -71,6 +73,7 @@ def densify_mcmc(
     return McmcCounts(*counts)
 
 
+@name_wrong_kinds
 @allow_one_thread
 def densify_adaptive(
     optimizer: GaussianOptimizer,

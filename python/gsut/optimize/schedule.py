@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from gsut.bounds import name_wrong_kinds
 from gsut.optimize.optimizer import LearningRates
 from gsut.run.options import Recipe
 
@@ -23,6 +24,7 @@ def choose_view(views: Sequence[int], step: int, seed: int) -> int:
     return views[order[place]]
 
 
+@name_wrong_kinds
 def compute_learning_rates(recipe: Recipe, fraction: float, extent: float) -> LearningRates:
     """Computes the rates at a fraction of the steps; all but the centres' fall alike.
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import Shutter, SolveError
+from gsut.bounds import name_wrong_kinds
 from gsut.data.images import shrink_image, shrink_mask
 from gsut.data.poses import find_centers
 from gsut.gaussians import Gaussians
@@ -65,6 +66,7 @@ class Localized:
     shutter_source: str = "given"
 
 
+@name_wrong_kinds
 def localize_image(
     gaussians: Gaussians,
     views: Sequence[tuple[_core.Camera, np.ndarray]],

@@ -10,6 +10,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import BlendRule, InputError, Shutter
+from gsut.bounds import name_wrong_kinds
 from gsut.data.images import shrink_image, shrink_mask
 from gsut.data.poses import find_centers
 from gsut.gaussians import Gaussians, find_pixel_sizes
@@ -90,6 +91,7 @@ class RefinedPose:
         return np.degrees(np.sqrt(np.diag(self.covariance)[3:]))
 
 
+@name_wrong_kinds
 def refine_pose(
     gaussians: Gaussians,
     camera: _core.Camera,

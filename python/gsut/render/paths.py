@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from gsut.bounds import check_direction, check_number
+from gsut.bounds import check_direction, check_number, name_wrong_kinds
 
 # The optical axes have a common point to look at where the least eigenvalue of their mean
 # perpendicular projector is above this (0 = parallel, 2/3 = all directions alike) ...
@@ -21,6 +21,7 @@ _STEEP = math.radians(10.0)
 _LEVEL = math.radians(25.0)
 
 
+@name_wrong_kinds
 def smooth_path(
     camera_from_world: np.ndarray,
     num_frames: int,
@@ -114,6 +115,7 @@ def find_mean_up(camera_from_world: np.ndarray) -> np.ndarray:
     return up / length if length > _LEAST_CONVERGENCE else ups[0]
 
 
+@name_wrong_kinds
 def make_orbit_path(
     camera_from_world: np.ndarray, num_frames: int, up: np.ndarray | None = None
 ) -> np.ndarray:

@@ -14,6 +14,7 @@ from gsut.files import claim_name, write_file
 from gsut.orientation import add_orientation
 
 
+@name_wrong_kinds
 def to_uint8(image: np.ndarray) -> np.ndarray:
     """Converts colours to bytes, ready to be written.
 

@@ -63,6 +63,7 @@ ALONG = ("ray", "z")
 _ONE_SURFACE = 0.05
 
 
+@name_wrong_kinds
 def measure_depth(result: Render, kind: str = "median", along: str = "ray") -> np.ndarray:
     """Measures the depth of each pixel of a render, by its name.
 
@@ -126,6 +127,7 @@ def _divide(depth: np.ndarray, alpha: np.ndarray) -> np.ndarray:
         return np.where(alpha > 0, depth / alpha, np.float32(np.nan))
 
 
+@name_wrong_kinds
 def render_surface_backward(result: Render, dnormals: np.ndarray) -> Gaussians:
     """Computes gradients of L = sum(dnormals * normals), exact but for the blend rule's cut-offs.
 
@@ -147,6 +149,7 @@ def render_surface_backward(result: Render, dnormals: np.ndarray) -> Gaussians:
     return gradients
 
 
+@name_wrong_kinds
 def z_from_distance(
     distance: np.ndarray, camera: _core.Camera, share: np.ndarray | float = 1.0
 ) -> np.ndarray:

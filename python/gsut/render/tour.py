@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from gsut.bounds import name_wrong_kinds
 from gsut.render.paths import find_mean_up, smooth_path
 
 # Photographs on the way: enough to follow a walk, few enough for a calm eye.
@@ -16,6 +17,7 @@ _TURN_RADIANS = 1.5
 _CLOSING = 2.5
 
 
+@name_wrong_kinds
 def make_tour_path(
     camera_from_world: np.ndarray, num_frames: int, up: np.ndarray | None = None
 ) -> np.ndarray:

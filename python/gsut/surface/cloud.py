@@ -7,6 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from gsut._core import InputError
+from gsut.bounds import name_wrong_kinds
 from gsut.surface.depth_map import DepthMap
 from gsut.surface.extract import measure_pixel_angle
 from gsut.surface.mesh import Mesh
@@ -71,6 +72,7 @@ class Cloud:
         return Mesh(np.concatenate(self._points), _NO_FACES, colors)
 
 
+@name_wrong_kinds
 def points_from_depth(maps: Iterable[DepthMap], voxel: float | None = None) -> Mesh:
     """Collects the points that depth maps of any lenses and shutters see, one in each voxel.
 

@@ -116,9 +116,10 @@ def extract_mesh(
     return fuse_depth(maps, options, progress=progress)
 
 
+@name_wrong_kinds
 def render_depth_maps(
     gaussians: Any,
-    scene: Any,
+    scene: Scene,
     options: MeshOptions | None = None,
     *,
     background: Sequence[float] | None = (0.0, 0.0, 0.0),
@@ -190,6 +191,7 @@ def _refine_maps(
     return refiner.move(maps, normals, lambda *done: progress("refining again", *done))
 
 
+@name_wrong_kinds
 def fuse_depth(
     maps: Sequence[DepthMap],
     options: MeshOptions | None = None,

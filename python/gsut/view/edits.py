@@ -9,15 +9,23 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.bounds import FARTHEST, LEAST_SCALE, check_number
+from gsut.bounds import FARTHEST, LEAST_SCALE
 from gsut.compact import find_support
-from gsut.files import refuse_existing, write_json
+from gsut.files import Number, refuse_existing, write_json
 from gsut.formats import WriteSettings, choose_format, save_gaussians
 from gsut.gaussians import find_ground, rotate_upright, transform_gaussians
+from gsut.view.frame_request import BOX, NONE, POINT
+from gsut.view.selections import STEPS
 from gsut.view.shown_gaussians import ShownGaussians
 
 # Name of the new file if the page gives none.
 _DEFAULT_NAME = "edited.ply"
+# Shape of a request to save, see `save_edited`.
+SAVED = {
+    "name?": str, "crop?": BOX, "clean?": bool, "edits?": (NONE, str), "steps?": STEPS,
+    "scale?": Number(LEAST_SCALE, 1 / LEAST_SCALE), "up?": (NONE, POINT),
+    "level?": (NONE, Number(-FARTHEST, FARTHEST)),
+}  # fmt: skip
 
 
 def locate_ground(shown: ShownGaussians, up: Any) -> dict[str, Any]:
@@ -72,7 +80,7 @@ def save_edited(
     folder = shown.stage.folder
     if folder is None:
         raise InputError("this scene is not a file yet: it is saved when the training ends")
-    name = str(values.get("name") or _DEFAULT_NAME)
+    name = values.get("name") or _DEFAULT_NAME
     if Path(name).name != name or name.startswith("."):
         raise InputError(f"give a file's name, without folders: it is saved in {folder}")
     path = folder / name
@@ -81,18 +89,18 @@ def save_edited(
     for new in (path, repeated):
         if new is not None:
             refuse_existing(new)
-    check_floaters(shown, bool(values.get("clean")))
-    scale = check_number(values.get("scale") or 1, "scale", LEAST_SCALE, 1 / LEAST_SCALE)
-    crop = None if not values.get("crop") else np.array(values["crop"], np.float64).reshape(2, 3)
+    check_floaters(shown, values.get("clean", False))
+    scale, crop = values.get("scale", 1.0), values.get("crop")
+    crop = None if crop is None else np.array(crop, np.float64)
     whole = shown.load_all()
-    clean, key = bool(values.get("clean")), values.get("edits") or None
+    clean, key = values.get("clean", False), values.get("edits") or None
     kept = whole[shown.select_kept(whole, crop, clean, key)]
     if not len(kept):
         raise InputError("nothing is left; crop or delete less")
     turn, height = np.eye(3), 0.0
     if values.get("up") is not None:
         turn = rotate_upright(values["up"])
-        height = check_number(values.get("level") or 0, "level", -FARTHEST, FARTHEST)
+        height = values.get("level") or 0.0
     moved = transform_gaussians(kept, turn, scale, scale * np.array([0.0, height, 0.0]))
     written = save_gaussians(path, moved, WriteSettings(antialiased=shown.stage.antialiased))
     if repeated is not None:

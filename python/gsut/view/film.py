@@ -14,9 +14,10 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.bounds import check_number
-from gsut.files import read_bytes
+from gsut.files import Number, read_bytes
 from gsut.orientation import turn_camera
 from gsut.render import smooth_path, write_video
+from gsut.view.frame_request import FRAME, NONE, POINT, POSE
 
 if TYPE_CHECKING:
     from gsut.view.frame_request import FrameRequest
@@ -28,6 +29,11 @@ _KINDS = {"mp4": "video/mp4", "webm": "video/webm", "gif": "image/gif"}
 _MOST_SECONDS = 600.0
 # Most frames per second, the fastest common screens.
 _MOST_RATE = 120.0
+# Shape of a request: to make a film of keyframes, or to stop it.
+FILM = {
+    "keys?": [POSE], "frame?": FRAME, "seconds?": Number(), "rate?": Number(), "ending?": str,
+    "up?": (NONE, POINT), "closed?": bool, "stop?": bool,
+}  # fmt: skip
 
 
 class _Stopped(Exception):
@@ -64,7 +70,7 @@ class Film:
         seconds, rate = settings.get("seconds", 8), settings.get("rate", 30)
         seconds = check_number(seconds, "seconds", 0, _MOST_SECONDS, above=True)
         rate = check_number(rate, "rate", 0, _MOST_RATE, above=True)
-        self.ending = str(settings.get("ending", "mp4"))
+        self.ending = settings.get("ending", "mp4")
         if self.ending not in _KINDS:
             raise InputError(f"a film is {', '.join(_KINDS)}, not {self.ending!r}")
         self.kind = _KINDS[self.ending]
@@ -76,7 +82,7 @@ class Film:
         path = smooth_path(
             shown,
             count,
-            closed=bool(settings.get("closed")),
+            closed=settings.get("closed", False),
             up=settings.get("up") or frames.shown.axes[1],
         )
         self._poses = turn_camera(path, -turns)

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.bounds import FARTHEST, check_direction, check_number
+from gsut.bounds import FARTHEST, check_direction
 from gsut.data.poses import check_rigid
+from gsut.files import Number
 from gsut.orientation import turn_camera, turn_pixel, turn_size
 from gsut.view.lenses import check_size
 
@@ -24,6 +25,21 @@ _MOST_MARKS = 1000
 _LARGE_PIXELS = 1920 * 1080
 # JPEG quality of a frame at rest.
 FULL_QUALITY = 92
+# Shapes of a request's values, see `check_shape`; the page sends null for what is not chosen.
+NONE = type(None)
+POSE = Number(shape=(16,))
+TURNS = Number(0, 3, whole=True)
+SIZE = {"lens": Number(whole=True), "width": Number(whole=True), "height": Number(whole=True)}
+POINT = Number(-FARTHEST, FARTHEST, shape=(3,))
+BOX = (NONE, Number(-FARTHEST, FARTHEST, shape=(2, 3)))
+_VIEW = (NONE, Number(whole=True))
+FRAME = SIZE | {
+    "pose": POSE, "mode?": str, "view?": _VIEW, "shutter?": _VIEW, "crop?": BOX,
+    "layers?": [frozenset({"cameras", "points", "domain", "axes", "box"})],
+    "marks?": Number(-FARTHEST, FARTHEST, shape=(None, 3)), "quality?": (NONE, Number(5, 100)),
+    "share?": Number(), "clean?": bool, "turns?": TURNS, "edits?": (NONE, str),
+    "ground?": (NONE, Number(-FARTHEST, FARTHEST, shape=(4,))),
+}  # fmt: skip
 
 
 @dataclasses.dataclass(frozen=True)
@@ -79,32 +95,27 @@ class FrameRequest:
 
     @classmethod
     def parse(cls, values: dict[str, Any], num_views: int) -> FrameRequest:
-        """Parses the request of a JSON object, whose pose and size are those of the page's picture.
+        """Parses the request of an object of the shape FRAME, whose pose and size are those of the
+        page's picture.
 
         Raises:
-            InputError: a value is missing or out of range; the message says which.
+            InputError: a value is out of range; the message says which.
         """
-        try:
-            pose = check_rigid(np.reshape(values["pose"], (4, 4)), "the frame's pose")
-            # A photograph's pose keeps its bits on the way through the page.
-            turns = parse_turns(values)
-            pose = turn_camera(np.array(values["pose"], np.float64).reshape(4, 4), -turns)
-            width, height = turn_size(int(values["width"]), int(values["height"]), turns)
-            view, shutter = (
-                None if values.get(key) is None else int(values[key]) for key in ("view", "shutter")
-            )
-            crop = None if not values.get("crop") else np.array(values["crop"], np.float64)
-            marks = np.array(values.get("marks") or [], np.float64).reshape(-1, 3)
-            ground = values.get("ground")
-            ground = None if ground is None else np.array(ground, np.float64).reshape(4)
-            quality = values.get("quality", FULL_QUALITY)
-            quality = None if quality is None else min(100, max(5, int(quality)))
-            lens, share = int(values["lens"]), float(values.get("share", 1))
-        except (KeyError, TypeError, ValueError, OverflowError) as error:
-            if isinstance(error, InputError):
-                raise
-            raise InputError(f"the frame's request is incomplete: {error}") from None
-        mode = values.get("mode", "color")
+        # A photograph's pose keeps its bits on the way through the page.
+        pose = np.array(values["pose"], np.float64).reshape(4, 4)
+        check_rigid(pose, "the frame's pose")
+        turns = int(values.get("turns", 0))
+        width, height = turn_size(int(values["width"]), int(values["height"]), turns)
+        view, shutter = (
+            None if values.get(key) is None else int(values[key]) for key in ("view", "shutter")
+        )
+        mode, share = values.get("mode", "color"), values.get("share", 1.0)
+        quality = values.get("quality", FULL_QUALITY)
+        crop, ground = (
+            None if values.get(key) is None else np.array(values[key], np.float64)
+            for key in ("crop", "ground")
+        )
+        marks = np.array(values.get("marks", []), np.float64).reshape(-1, 3)
         if mode not in MODES:
             raise InputError(f"there is no mode {mode!r}; known: {', '.join(MODES)}")
         check_size(width, height)
@@ -112,25 +123,13 @@ class FrameRequest:
             raise InputError(f"there is no such photograph; there are {num_views}")
         if share not in SHARES:
             raise InputError(f"share must be one of {SHARES}, found {share}")
-        if crop is not None and (crop.shape != (2, 3) or not (np.abs(crop) <= FARTHEST).all()):
-            raise InputError("crop must be two corners of three numbers")
         if len(marks) > _MOST_MARKS:
             raise InputError(f"at most {_MOST_MARKS} points are marked, found {len(marks)}")
-        if not (np.abs(marks) <= FARTHEST).all():
-            raise InputError("marks must be finite")
         if ground is not None:
             check_direction(ground[:3], "the ground's normal")
-            check_number(ground[3], "the ground's level", -FARTHEST, FARTHEST)
-        layers = frozenset(values.get("layers") or ())
         return cls(
-            pose, lens, width, height, mode, view, shutter, layers, crop, marks, quality, share,
-            bool(values.get("clean")), ground, turns, values.get("edits") or None,
+            turn_camera(pose, -turns), int(values["lens"]), width, height, mode, view, shutter,
+            frozenset(values.get("layers", ())), crop, marks,
+            None if quality is None else int(quality), share, values.get("clean", False), ground,
+            turns, values.get("edits") or None,
         )  # fmt: skip
-
-
-def parse_turns(values: dict[str, Any]) -> int:
-    """Parses the quarter turns clockwise that show an image on the page."""
-    turns = int(values.get("turns") or 0)
-    if not 0 <= turns < 4:
-        raise InputError(f"a picture is turned by 0 to 3 quarters, found {turns}")
-    return turns

@@ -17,7 +17,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.files import write_file
+from gsut.files import Number, write_file
 from gsut.lens import (
     Camera,
     has_focal_length,
@@ -37,6 +37,12 @@ _MOST_PIXELS = 12_000_000
 _MOST_SIDE = 65_536
 # Most parameters with a slider: more do not fit the panel.
 _MOST_SLIDERS = 24
+# Shape of a request for a lens, see `Lenses.make`.
+LENS = {
+    **dict.fromkeys(("path?", "name?", "base64?", "model?"), str), "id?": Number(whole=True),
+    "params?": Number(shape=(None,)), "fit?": Number(whole=True, shape=(2,)),
+    "field_of_view?": Number(),
+}  # fmt: skip
 # Seconds for a lens file to be read: a table that a lens is fitted to takes a few.
 _READ_SECONDS = 30
 # Program that reads a lens file and writes its lens in gsut's format, which holds every lens.
@@ -137,29 +143,29 @@ class Lenses:
             InputError, CalibrationError: there is no such lens; the message says why.
         """
         if wanted.get("path"):
-            path = str(Path(str(wanted["path"])).expanduser())
+            path = str(Path(wanted["path"]).expanduser())
             if not is_lens_name(path) and not Path(path).is_file():
                 raise InputError(f"{path}: no such lens file")
             lens = load_lens(path) if is_lens_name(path) else _read_lens_file(Path(path))
         elif wanted.get("name"):
-            lens = _read_upload(str(wanted["name"]), str(wanted.get("base64", "")))
+            lens = _read_upload(wanted["name"], wanted.get("base64", ""))
         elif wanted.get("model"):
-            lens = _make_example(str(wanted["model"]))
+            lens = _make_example(wanted["model"])
         else:
             lens = self._get_lens(int(wanted.get("id", 0)))
-        if wanted.get("params") is not None:
-            given = [float(value) for value in wanted["params"]]
+        if "params" in wanted:
+            given = wanted["params"]
             if len(given) > len(lens.params):
                 raise InputError(
                     f"this {lens.model} lens has {len(lens.params)} parameters, found {len(given)}"
                 )
             lens = lens.with_params([*given, *lens.params[len(given) :]])
-        if wanted.get("fit"):
+        if "fit" in wanted:
             width, height = (int(side) for side in wanted["fit"])
             check_size(width, height)
             lens = _reshape(lens, width, height)
-        if wanted.get("field_of_view"):
-            degrees = float(wanted["field_of_view"])
+        if "field_of_view" in wanted:
+            degrees = wanted["field_of_view"]
             if not 0 < degrees <= 360:
                 raise InputError(f"a field of view is above 0 and at most 360, found {degrees:g}")
             lens = with_field_of_view(lens, degrees)

@@ -12,7 +12,7 @@ from gsut._core import InputError
 from gsut.data import Scene
 from gsut.run import TrainOptions
 from gsut.training.first import prepare_scene
-from gsut.view.server import Reply
+from gsut.view.server import Reply, declare_values
 from gsut.view.session import AtOnce, Session
 from gsut.view.stage import Stage
 
@@ -148,6 +148,7 @@ class LiveTraining:
                 self._jobs.put(_Job(work, large, answer))
         return answer.result() if between else self._at_once(work, large)
 
+    @declare_values({"action?": str})
     def _handle_action(self, values: dict[str, Any]) -> Reply:
         """Pauses, resumes or stops the training, and returns its progress."""
         action = values.get("action")

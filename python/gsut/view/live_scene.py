@@ -13,11 +13,11 @@ import numpy as np
 
 from gsut.data import Scene
 from gsut.data.poses import invert_pose
-from gsut.files import read_picture
+from gsut.files import Number, read_picture
 from gsut.run import TrainOptions
 from gsut.sfm.solution import Solution
 from gsut.view.live import LiveTraining
-from gsut.view.server import Reply, Route
+from gsut.view.server import Reply, Route, declare_values
 
 # Least seconds between two looks at the poses while they are found: a look takes milliseconds.
 _LOOK_SECONDS = 0.7
@@ -103,6 +103,7 @@ class LiveScene:
     def _describe_scene(self, _: dict[str, Any]) -> Reply:
         return Reply({"name": self._name, "kind": "making", "shown": 0})
 
+    @declare_values({"version?": Number(whole=True)})
     def _report(self, values: dict[str, Any]) -> Reply:
         """Returns what is being done and, if they are newer than "version", cameras and points."""
         with self._lock:
@@ -110,10 +111,11 @@ class LiveScene:
                 **self._row, "pictures": list(self._pictures), "shown": self._shown,
                 "version": self._version,
             }  # fmt: skip
-            if self._found is not None and int(values.get("version", 0)) < self._version:
+            if self._found is not None and values.get("version", 0) < self._version:
                 content["found"] = self._found
         return Reply(content)
 
+    @declare_values({"name": str})
     def _send_picture(self, values: dict[str, Any]) -> Reply:
         """Returns a small JPEG of the picture with this "name"."""
         import cv2

@@ -71,7 +71,7 @@ function draw() {
 function showPictures(names, base) {
   if ($("strip").children.length === names.length || !names.length) return;
   $("strip").hidden = false;
-  $("strip").replaceChildren(...names.map((name) => Object.assign(document.createElement("img"), { src: `${base}picture?name=${encodeURIComponent(name)}`, loading: "lazy", alt: "", height: 68, title: name })));
+  $("strip").replaceChildren(...names.map((name) => Object.assign(document.createElement("img"), { src: `${base}picture?${encodeURIComponent(JSON.stringify({ name }))}`, loading: "lazy", alt: "", height: 68, title: name })));
 }
 
 function lasts(seconds) {

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.files import format_json
+from gsut.files import Number, format_json
 from gsut.hand_edits import apply_edit, check_edit, start_edits
 from gsut.lens.files import values_from_camera
-from gsut.view.frame_request import FrameRequest
+from gsut.view.frame_request import FRAME, FrameRequest
 from gsut.view.lenses import Lenses
 from gsut.view.shown_gaussians import ShownGaussians
 
@@ -20,6 +20,8 @@ from gsut.view.shown_gaussians import ShownGaussians
 _KEPT_STATES = 32
 # Most edits at once, more than a day of work by hand.
 _MOST_EDITS = 10_000
+# Shape of the page's edits; `check_edit` checks the rest of each.
+STEPS = [{"do": str, "frame?": FRAME, "points?": Number(shape=(None, 2))}]
 
 
 class Selections:
@@ -34,16 +36,16 @@ class Selections:
         self._shown, self._lenses = shown, lenses
         self._lock = threading.Lock()
 
-    def describe(self, steps: Any) -> list[dict[str, Any]]:
+    def describe(self, steps: list[dict[str, Any]]) -> list[dict[str, Any]]:
         """Describes the page's edits as a file of them holds them, see `read_edits`.
 
         Args:
-            steps: edits whose points are pixels of a "frame", see `FrameRequest`.
+            steps: of the shape STEPS; their points are pixels of a "frame", see `FrameRequest`.
 
         Raises:
             InputError: one is impossible.
         """
-        if not isinstance(steps, list) or len(steps) > _MOST_EDITS:
+        if len(steps) > _MOST_EDITS:
             raise InputError(f"edits are a list of at most {_MOST_EDITS:,}")
         edits = [self._describe_edit(dict(step)) for step in steps]
         for edit in edits:
@@ -57,11 +59,11 @@ class Selections:
         camera = self._lenses.resize(request.lens, request.width, request.height)
         scene = self._shown.stage.scene
         pose = request.pose if scene is None else scene.to_dataset(request.pose)
-        points = [request.turn_back((float(x), float(y))).tolist() for x, y in step["points"]]
+        points = [request.turn_back((x, y)).tolist() for x, y in step.get("points", [])]
         lens = values_from_camera(camera)
         return {**step, "camera_from_world": pose.tolist(), "lens": lens, "points": points}
 
-    def apply(self, steps: Any) -> dict[str, Any]:
+    def apply(self, steps: list[dict[str, Any]]) -> dict[str, Any]:
         """Applies the page's edits.
 
         Returns:

@@ -12,11 +12,11 @@ import socket
 import threading
 import time
 from collections.abc import Callable
-from typing import Any
-from urllib.parse import parse_qsl
+from typing import Any, TypeVar
+from urllib.parse import unquote_to_bytes
 
 from gsut._core import CalibrationError, InputError, SolveError
-from gsut.files import FileError, format_json, parse_json, read_package_file
+from gsut.files import FileError, check_shape, format_json, parse_json, read_package_file
 
 # Address that only this machine reaches.
 LOOPBACK = "127.0.0.1"
@@ -57,8 +57,19 @@ class Reply:
     keep: bool = False
 
 
-# A route takes the request's values: the JSON object of a POST, the query of a GET.
+# A route takes the request's values: the JSON object that a POST's body or the query of a GET is.
 Route = Callable[[dict[str, Any]], Reply]
+_Function = TypeVar("_Function", bound=Callable[..., Reply])
+
+
+def declare_values(shape: dict[str, Any]) -> Callable[[_Function], _Function]:
+    """Declares the values of a route's requests, see `check_shape`; it receives no others."""
+
+    def declare(route: _Function) -> _Function:
+        route.__dict__["shape"] = shape
+        return route
+
+    return declare
 
 
 class ViewServer:
@@ -193,7 +204,7 @@ class _Handler(http.server.BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         if self._is_admitted():
-            self._send(*self._reply(dict(parse_qsl(self.path.partition("?")[2]))))
+            self._answer(unquote_to_bytes(self.path.partition("?")[2]))
 
     def do_POST(self) -> None:
         if not self._is_admitted():
@@ -204,10 +215,13 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         if not (length.isdecimal() and len(length) < 20 and int(length) <= _MOST_BYTES):
             return self._refuse(413, f"more than {_MOST_BYTES >> 20} MiB at once are not taken")
         self.inflow.allow(max(int(length), 1), _PAGE_SECONDS)
-        text = self.rfile.read(int(length)) or b"{}"
+        self._answer(self.rfile.read(int(length)))
+
+    def _answer(self, text: bytes) -> None:
+        """Answers a request whose values are this JSON."""
         with self.parsing if len(text) > _LARGE_BYTES else contextlib.nullcontext():
             try:
-                values = parse_json(text, "request", dict)
+                values = parse_json(text or b"{}", "request", dict)
             except FileError:
                 return self._refuse(400, "the request is not a JSON object")
             answer = self._reply(values)
@@ -238,14 +252,14 @@ class _Handler(http.server.BaseHTTPRequestHandler):
         name = self._split_path()[1]
         try:
             if name in self.routes:
-                return 200, self.routes[name](values)
+                return 200, self.routes[name](_check_values(self.routes[name], values, name))
             return 200, _read_page_file(name or "view.html")
         except FileNotFoundError:
             return 404, _make_error(f"there is no {name!r} here")
         except (InputError, CalibrationError, SolveError) as error:
             return 400, _make_error(" ".join(str(error).split()))
-        except (LookupError, TypeError, ValueError, ArithmeticError) as error:
-            return 400, _make_error(f"{name}: the request is incomplete: {error!r}")
+        except (TypeError, ValueError, ArithmeticError) as error:
+            return 400, _make_error(f"{name}: the request cannot be understood: {error!r}")
         except OSError as error:
             return 400, _make_error(f"{name}: {error.strerror or error}")
         except Exception as error:
@@ -295,6 +309,16 @@ def _is_own_name(header: str, host: str, port: int) -> bool:
         return bool(ipaddress.ip_address(name.strip("[]")))  # no foreign name resolves to itself
     except ValueError:
         return False
+
+
+def _check_values(route: Route, values: dict[str, Any], name: str) -> dict[str, Any]:
+    """Returns the values that a route declares, or raises InputError at one of a wrong kind."""
+    shape = getattr(route, "shape", {})
+    try:
+        check_shape(values, shape, name)
+    except TypeError as error:
+        raise InputError(f"{error}, which the page never sends: reload it") from None
+    return {key: values[key] for key in values if key in shape or f"{key}?" in shape}
 
 
 def _make_error(sentence: str) -> Reply:

@@ -15,20 +15,20 @@ from gsut.data import Scene
 from gsut.data.images import shrink_image, shrink_mask
 from gsut.data.poses import check_rigid
 from gsut.data.scene import count_lens_turns, find_upright_poses
-from gsut.files import format_json
+from gsut.files import Number, format_json
 from gsut.gaussians import Gaussians
 from gsut.lens import camera_models
 from gsut.lens.files import values_from_camera
 from gsut.orientation import turn_camera, turn_picture, turn_size
-from gsut.view.edits import check_floaters, find_floaters, locate_ground, save_edited
-from gsut.view.film import Film
-from gsut.view.frame_request import MODES, FrameRequest, parse_turns
+from gsut.view.edits import SAVED, check_floaters, find_floaters, locate_ground, save_edited
+from gsut.view.film import FILM, Film
+from gsut.view.frame_request import FRAME, MODES, POINT, POSE, SIZE, TURNS, FrameRequest
 from gsut.view.frames import Frames
-from gsut.view.lenses import Lenses
+from gsut.view.lenses import LENS, Lenses
 from gsut.view.named_views import read_named_view
 from gsut.view.page_file import PageSettings, write_page
-from gsut.view.selections import Selections
-from gsut.view.server import Reply, Route
+from gsut.view.selections import STEPS, Selections
+from gsut.view.server import Reply, Route, declare_values
 from gsut.view.shown_gaussians import ShownGaussians
 from gsut.view.stage import Stage
 
@@ -44,6 +44,10 @@ _MASKED = (200, 40, 60)
 _MOST_DECODING = 2
 # Most keyframes of a film or a saved path: two hours of walking, recorded.
 _MOST_KEYS = 20_000
+# Shape of a request for a photograph.
+_PHOTOGRAPH = {
+    "view": Number(whole=True), "side?": Number(1, whole=True), "mask?": bool, "kind?": str,
+}  # fmt: skip
 _Result = TypeVar("_Result")
 
 
@@ -139,6 +143,7 @@ class Session:
         }  # fmt: skip
         return Reply(value)
 
+    @declare_values(FRAME)
     def draw_frame(self, values: dict[str, Any]) -> Reply:
         """Draws a frame as JPEG or PNG."""
         request = self._request(values)
@@ -146,17 +151,17 @@ class Session:
         headers = {} if span is None else {"X-Span": f"{span[0]:.6g} {span[1]:.6g}"}
         return Reply(data, kind, headers)
 
+    @declare_values(_PHOTOGRAPH)
     def send_photograph(self, values: dict[str, Any]) -> Reply:
         """Returns a photograph: "view", "side" for its longest side, "mask" to tint it, "kind"."""
         import cv2
 
         scene = self._require_scene()
-        index = _index(values["view"], scene)
-        side = int(values.get("side", _THUMBNAIL))
-        if side < 1:
-            raise InputError(f"a photograph's side must be 1 pixel or more, found {side}")
+        index, side = int(values["view"]), values.get("side", _THUMBNAIL)
+        if not 0 <= index < len(scene):
+            raise InputError(f"there is no photograph {index}; there are {len(scene)}")
         with self._decoding:
-            bgr = self._shrink_photograph(scene, index, side, bool(values.get("mask")))
+            bgr = self._shrink_photograph(scene, index, side, values.get("mask", False))
         if values.get("kind") == "webp":
             _, data = cv2.imencode(".webp", bgr, [cv2.IMWRITE_WEBP_QUALITY, _WEBP_QUALITY])
             return Reply(data.tobytes(), "image/webp", keep=True)
@@ -178,17 +183,17 @@ class Session:
             pixels[left_out] = (pixels[left_out] * 0.4 + np.array(_MASKED) * 0.6).astype(np.uint8)
         return cv2.cvtColor(turn_picture(pixels, turns), cv2.COLOR_RGB2BGR)
 
+    @declare_values(LENS)
     def make_lens(self, values: dict[str, Any]) -> Reply:
         """Makes or reads a lens; see `Lenses.make`."""
         return Reply(self.lenses.describe(self.lenses.make(values)))
 
+    @declare_values({"frame": FRAME, "pixel": Number(shape=(2,))})
     def pick_point(self, values: dict[str, Any]) -> Reply:
         """Finds the point that a pixel of a frame sees, in the scene's and the dataset's
         coordinates."""
         request = self._request(values["frame"])
-        x, y = (float(value) for value in values["pixel"])
-        if not (np.isfinite(x) and np.isfinite(y)):
-            raise InputError(f"a pixel must be two finite numbers, found {x} and {y}")
+        x, y = values["pixel"]
         point = self._draw_with(request, lambda frames: frames.find_point(request, (x, y)))
         if point is None:
             return Reply({"point": None})
@@ -197,10 +202,11 @@ class Session:
             {"point": point, "in_dataset": point + self._get_offset(), "distance": distance}
         )
 
+    @declare_values(SIZE | {"poses": [POSE], "turns?": TURNS})
     def save_cameras(self, values: dict[str, Any]) -> Reply:
         """Returns the camera of a frame, or keyframes, as a file for `gsut render --path`."""
         _check_keys(values["poses"])
-        turns = parse_turns(values)
+        turns = int(values.get("turns", 0))
         poses = [self._move_to_dataset(pose, turns) for pose in values["poses"]]
         size = turn_size(int(values["width"]), int(values["height"]), turns)
         camera = self.lenses.resize(int(values["lens"]), *size)
@@ -209,14 +215,16 @@ class Session:
             content["turns"] = turns
         return Reply(format_json(content).encode() + b"\n", "application/json")
 
+    @declare_values(FILM)
     def handle_film(self, values: dict[str, Any]) -> Reply:
         """Starts a film ("keys" and so on) or stops it ("stop"); returns its progress."""
         if "keys" in values:
             _check_keys(values["keys"])
-            _check_object(values.get("frame"))
+            if "frame" not in values:
+                raise InputError("a film needs the request of a frame")
             if self._film is not None:
                 self._film.stop()
-            check_floaters(self.shown, bool(values["frame"].get("clean")))
+            check_floaters(self.shown, values["frame"].get("clean", False))
             requests = [self._request({**values["frame"], "pose": key}) for key in values["keys"]]
             self._film = Film(self._large, lambda work: self._draw(work, True), requests, values)
         elif values.get("stop") and self._film is not None:
@@ -245,10 +253,12 @@ class Session:
         keys = ("severity", "where", "what", "advice")
         return Reply([{key: getattr(row, key) for key in keys} for row in self.stage.findings])
 
+    @declare_values({"up": POINT})
     def find_ground(self, values: dict[str, Any]) -> Reply:
         """Finds the plane that the scene stands on, roughly across "up"."""
         return Reply(locate_ground(self.shown, values["up"]))
 
+    @declare_values({"far?": bool})
     def find_floaters(self, values: dict[str, Any]) -> Reply:
         """Finds floaters, which takes up to a second for each photograph; with "far", returns
         progress."""
@@ -259,15 +269,18 @@ class Session:
                 find_floaters(self.shown, lambda done: setattr(self, "_photographs_done", done))
             )
 
+    @declare_values(SAVED)
     def save_scene(self, values: dict[str, Any]) -> Reply:
         """Writes the scene as it is shown to a new file, and the edits "steps" beside it."""
-        edits = self._selections.describe(values.get("steps") or [])
+        edits = self._selections.describe(values.get("steps", []))
         return Reply(save_edited(self.shown, values, edits))
 
+    @declare_values({"steps": STEPS})
     def apply_edits(self, values: dict[str, Any]) -> Reply:
         """Applies the edits "steps", which frames then name by the reply's "key"."""
-        return Reply(self._draw(lambda: self._selections.apply(values["steps"])))
+        return Reply(self._draw(lambda: self._selections.apply(values["steps"]), True))
 
+    @declare_values({"steps": STEPS})
     def send_edits(self, values: dict[str, Any]) -> Reply:
         """Returns the edits "steps" as a file for `gsut edit --apply`."""
         content = {"edits": self._selections.describe(values["steps"])}
@@ -279,7 +292,6 @@ class Session:
         return self._draw(lambda: work(frames), request.is_large)
 
     def _request(self, values: dict[str, Any]) -> FrameRequest:
-        _check_object(values)
         count = 0 if self.stage.scene is None else len(self.stage.scene)
         return FrameRequest.parse(values, count)
 
@@ -292,26 +304,15 @@ class Session:
         return np.zeros(3) if self.stage.scene is None else self.stage.scene.world_offset
 
     def _move_to_dataset(self, pose: Any, turns: int) -> np.ndarray:
-        check_rigid(np.reshape(pose, (4, 4)), "a pose")
-        matrix = turn_camera(np.array(pose, np.float64).reshape(4, 4), -turns)
+        matrix = np.array(pose, np.float64).reshape(4, 4)
+        check_rigid(matrix, "a pose")
+        matrix = turn_camera(matrix, -turns)
         return matrix if self.stage.scene is None else self.stage.scene.to_dataset(matrix)
 
 
-def _check_keys(keys: Any) -> None:
-    if not isinstance(keys, list) or len(keys) > _MOST_KEYS:
-        raise InputError(f"a path is a list of at most {_MOST_KEYS} poses")
-
-
-def _check_object(frame: Any) -> None:
-    if not isinstance(frame, dict):
-        raise InputError(f"a frame's request is an object, found {type(frame).__name__}")
-
-
-def _index(value: Any, scene: Scene) -> int:
-    index = int(value)
-    if not 0 <= index < len(scene):
-        raise InputError(f"there is no photograph {index}; there are {len(scene)}")
-    return index
+def _check_keys(keys: Sequence[Any]) -> None:
+    if len(keys) > _MOST_KEYS:
+        raise InputError(f"a path has at most {_MOST_KEYS} poses")
 
 
 def _describe_views(scene: Scene) -> list[dict[str, Any]]:

@@ -87,7 +87,7 @@ async function call(name, values) {
 const http = {
   ask: async (name, values) => (await call(name, values)).json(),
   file: async (name, values) => (await call(name, values)).blob(),
-  photo: (view, side, mask) => `${base}photo?view=${view}&side=${side}${mask ? "&mask=1" : ""}`,
+  photo: (view, side, mask = false) => `${base}photo?${encodeURIComponent(JSON.stringify({ view, side, mask }))}`,
   async frame(values) {
     const reply = await call("frame", values);
     const picture = await createImageBitmap(await reply.blob(), { colorSpaceConversion: "none", premultiplyAlpha: "none" });

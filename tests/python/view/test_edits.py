@@ -119,8 +119,8 @@ def test_measure_by_pixels_of_photographs_and_points(
     stage = session.stage
     truth = gsut.render(gaussians, scene.cameras[0], scene.views[0].camera_from_world)
     row, column = np.unravel_index(np.argmax(truth.alpha), truth.alpha.shape)
-    pixel = [str(column + 0.5), str(row + 0.5)]
-    words = ["--pixel", "0.png", *pixel, "--point", "1", "2", "3", "--length", "5"]
+    pixel = [column + 0.5, row + 0.5]
+    words = ["--pixel", "0.png", *map(str, pixel), "--point", "1", "2", "3", "--length", "5"]
     found = measured(monkeypatch, capsys, stage, *words)
     frame = {"pose": scene.views[0].camera_from_world.ravel().tolist(), "lens": 0, "width": 32}
     picked = session.pick_point({"frame": {**frame, "height": 32}, "pixel": pixel}).content[

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from gsut.bounds import name_wrong_kinds
 from gsut.data.points.ply import NO_COLOR
 from gsut.data.scene import Scene
 from gsut.run import Progress
@@ -21,6 +22,7 @@ def has_colors(scene: Scene) -> bool:
     return len(scene.points) > 0 and bool(np.ptp(scene.point_colors) > 0)
 
 
+@name_wrong_kinds
 def color_points(
     scene: Scene, points: np.ndarray, *, progress: bool = False
 ) -> tuple[np.ndarray, np.ndarray]:

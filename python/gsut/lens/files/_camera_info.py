@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
+from gsut.bounds import name_wrong_kinds, show
 from gsut.lens.camera import Camera
 from gsut.lens.files._format import LensFile
 from gsut.lens.files.opencv import read_opencv, to_opencv
@@ -26,6 +27,7 @@ _MODELS = {
 _NO_ROI = {"x_offset": 0, "y_offset": 0, "height": 0, "width": 0, "do_rectify": False}
 
 
+@name_wrong_kinds
 def camera_from_info(message: Any, *, rectified: bool = False, topic: str = "CameraInfo") -> Camera:
     """Makes the lens of a CameraInfo.
 
@@ -46,6 +48,7 @@ def camera_from_info(message: Any, *, rectified: bool = False, topic: str = "Cam
     return read_opencv(LensFile(Path("CameraInfo.json"), topic, text.encode()), None)
 
 
+@name_wrong_kinds
 def info_from_camera(camera: Camera) -> dict[str, Any]:
     """Returns the fields of the CameraInfo of a lens, without header.
 
@@ -106,9 +109,11 @@ def _read_values(message: Any, where: str, rectified: bool) -> dict[str, Any]:
                 "give the lens of these pictures with --lens"
             )
     return {
-        "image_width": int(message.width),
-        "image_height": int(message.height),
-        "distortion_model": "plumb_bob" if rectified else str(message.distortion_model),
+        "image_width": int(_get_either(message, "width")),
+        "image_height": int(_get_either(message, "height")),
+        "distortion_model": "plumb_bob"
+        if rectified
+        else str(_get_either(message, "distortion_model")),
         "camera_matrix": matrix.ravel().tolist(),
         "distortion_coefficients": [] if rectified else d.tolist(),
     }
@@ -116,4 +121,7 @@ def _read_values(message: Any, where: str, rectified: bool) -> dict[str, Any]:
 
 def _get_either(message: Any, name: str) -> Any:
     """Returns a field whose name ROS 1 writes with a capital letter and ROS 2 with a small one."""
-    return getattr(message, name) if hasattr(message, name) else getattr(message, name.upper())
+    found = getattr(message, name, getattr(message, name.upper(), None))
+    if found is None:
+        raise InputError(f"a CameraInfo has '{name}', which {show(message)} has not")
+    return found

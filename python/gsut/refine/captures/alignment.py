@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from gsut._core import InputError, SolveError
+from gsut.bounds import name_wrong_kinds
 from gsut.data import Scene
 from gsut.data.poses import find_centers
 from gsut.gaussians import Gaussians, transform_gaussians
@@ -70,6 +71,7 @@ class CaptureAlignment:
         return moved
 
 
+@name_wrong_kinds
 def align_captures(
     scene: Scene,
     gaussians: Gaussians,
@@ -85,6 +87,9 @@ def align_captures(
         other: another capture of the place, with its poses.
         background: colour behind the Gaussians, as in training.
         on_progress: called with (stage, done, total).
+
+    Returns:
+        The similarity with its standard deviations.
 
     Raises:
         SolveError: fewer than four photographs of `other` show this scene at places that agree.

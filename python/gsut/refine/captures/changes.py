@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from gsut.bounds import name_wrong_kinds
 from gsut.gaussians import Gaussians
 from gsut.render import render, to_uint8
 
@@ -21,6 +22,7 @@ _FADED = 0.3  # of the picture below the red
 _RED = (178, 0, 0)
 
 
+@name_wrong_kinds
 def find_changes(
     gaussians: Gaussians, other: Gaussians, camera: Any, pose: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:

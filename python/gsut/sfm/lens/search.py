@@ -179,9 +179,9 @@ def _choose_model(
     lens, flags = chosen[0].cameras[0], chosen[1].copy()
     flags[list(_ASPECT)] = FREE
     (stretched,) = trials.adjust(start, [(lens, flags)], more)
-    if stretched is not None and _is_better(stretched, chosen[0], _BETTER_ASPECT):
-        chosen = stretched, flags
-    return chosen
+    if stretched is None or not _is_better(stretched, start, better):
+        return chosen
+    return (stretched, flags) if _is_better(stretched, chosen[0], _BETTER_ASPECT) else chosen
 
 
 def _is_better(other: Solution, than: Solution, share: float) -> bool:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import InputError
+from gsut.bounds import name_wrong_kinds
 from gsut.data import load_dataset
 from gsut.data.poses import find_centers
 from gsut.gaussians import measure_rotation_angles
@@ -53,6 +54,7 @@ class PoseErrors:
         return 100.0 * (1.0 / self.scale - 1.0)
 
 
+@name_wrong_kinds
 def compare_poses(camera_from_world: np.ndarray, reference: np.ndarray) -> PoseErrors:
     """Measures the errors of poses against a reference.
 

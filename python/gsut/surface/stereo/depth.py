@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gsut._core import InputError
+from gsut.bounds import name_wrong_kinds
 from gsut.data import Scene
 from gsut.surface.depth_map import DepthMap
 from gsut.surface.stereo.normals import fit_normals
@@ -15,6 +16,7 @@ from gsut.surface.stereo.sweep import OnView, Shown, find_distances, ignore_view
 _FEWEST_VIEWS = 2  # without another view nothing can be compared
 
 
+@name_wrong_kinds
 def find_depth_maps(
     scene: Scene,
     views: Sequence[int] | None = None,
