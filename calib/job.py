@@ -12,7 +12,7 @@ from calib.solve import MRCAL_LENSES, OPENCV_LENSES, has_mrcal
 
 LENS_CHOICES = ("auto", *LENSES)
 SOLVERS = ("auto", "opencv", "mrcal")
-SUFFIXES = (".cameramodel", ".yaml", ".yml", ".json", ".txt")
+SUFFIXES = (".cameramodel", ".yaml", ".yml", ".json")
 _DEFAULT_SOLVER = {"fisheye": "opencv", "opencv4": "mrcal", "opencv8": "mrcal", "splined": "mrcal"}
 
 

@@ -10,7 +10,7 @@ WHOLE = ("poses", "rendering", "loop", "edit", "metrics", "machine")
 OF_FOLDERS = {
     "lens": [
         "camera_models", "find_lenses", "LensProfile", "fit_camera", "convert_camera",
-        "Conversion", "SplineGrid", "camera_from_info", "info_from_camera",
+        "Conversion", "camera_from_info", "info_from_camera",
     ],
     "surface": [
         "MeshOptions", "fuse_depth", "render_depth_maps", "DepthMap", "points_from_depth",

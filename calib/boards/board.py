@@ -9,7 +9,7 @@ import functools
 import os
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -102,7 +102,6 @@ class Photograph:
         reason: why no board was found. detector: the name of the detector that found it.
         edge_width: pixels over which black turns to white at the squares' edges.
         other_size: corners along and across of a board of another size, or of a part of one.
-        noise: (corners,) pixels by which each corner leaves a smooth grid; NaN where unknown.
     """
 
     path: Path
@@ -115,7 +114,6 @@ class Photograph:
     detector: str = ""
     edge_width: float = float("nan")
     other_size: tuple[int, int] | None = None
-    noise: np.ndarray = field(default_factory=lambda: np.empty(0))
 
 
 def assign_cameras(paths: Sequence[Path], cameras: Sequence[str]) -> list[Photograph]:

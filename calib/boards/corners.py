@@ -26,7 +26,6 @@ _SHARPEST_PERCENT = 0.1  # of the pixels, those with the steepest slope, count a
 _COARSER = (2, 4, 8)  # reductions; a board that is found only after one of them is blurred
 _PROBE = 3  # corners a side of the smallest board when searching for a board of any size
 _ENOUGH_OF_ANOTHER = 5  # first photographs without the board, after which another size is tried
-_FOURTH_DIFFERENCE = np.array([1.0, -4.0, 6.0, -4.0, 1.0])  # 0 for any cubic sequence
 
 
 def find_boards(photographs: Sequence[Photograph], board: Board, progress: bool = True) -> None:
@@ -90,7 +89,6 @@ def find_board(image: np.ndarray, photograph: Photograph, board: Board) -> None:
         )
         return
     photograph.corners = corners
-    photograph.noise = estimate_corner_noise(corners.reshape(board.rows, board.columns, 2)).ravel()
 
 
 def _is_too_small(image: np.ndarray, board: Board) -> bool:
@@ -202,32 +200,6 @@ def _is_grid(grid: np.ndarray) -> bool:
         if np.any(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0] <= 0):
             return False
     return True
-
-
-def estimate_corner_noise(grid: np.ndarray) -> np.ndarray:
-    """Estimates by how many pixels each corner leaves the smooth grid of its neighbours.
-
-    This is the fourth difference along rows and columns, divided by its gain: any smooth lens
-    nearly cancels, a displaced corner does not. It needs five corners in a line; elsewhere NaN.
-
-    Args:
-        grid: (rows, columns, 2).
-    Returns:
-        (rows, columns).
-    """
-    noise = np.full(grid.shape[:2], np.nan)
-    for axis in (0, 1):
-        if grid.shape[axis] < len(_FOURTH_DIFFERENCE):
-            continue
-        lines = np.moveaxis(grid, axis, 0)
-        count = len(lines) - len(_FOURTH_DIFFERENCE) + 1
-        difference = sum(
-            weight * lines[i : i + count] for i, weight in enumerate(_FOURTH_DIFFERENCE)
-        )
-        size = np.linalg.norm(difference, axis=2) / np.linalg.norm(_FOURTH_DIFFERENCE)
-        middle = np.moveaxis(noise, axis, 0)[2 : 2 + count]
-        middle[...] = np.fmax(middle, size)
-    return noise
 
 
 def _require_enough(photographs: Sequence[Photograph], camera: str, board: Board) -> None:

@@ -1,4 +1,4 @@
-"""Writes solved lenses as files of mrcal, OpenCV or OCamCalib, with their trusted field."""
+"""Writes solved lenses as files of mrcal or OpenCV, with their trusted field."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from calib.errors import BoardError
 from calib.solve import fit_splined
 from calib.trust import Trust, trace_trusted_outline
 from gsut.files import write_file
-from gsut.lens import convert_camera, save_camera
+from gsut.lens import save_camera
 
 # Keys that mrcal does not know and skips; its C reader takes numbers and lists of them only.
 ANGLE_KEY = "gsut_valid_field_angle"  # radians
@@ -27,8 +27,7 @@ def write_lens(path: Path, camera: CameraSolution, trust: Trust, origin: str) ->
 
     mrcal has no Kannala-Brandt lens: a .cameramodel then holds the splined lens that is nearest to
     it, and a .yaml beside it the exact one. OpenCV's formats hold neither the uncertainty, which
-    goes to NAME.uncertainty.json, nor splined lenses. A .txt, as OCamCalib's calib_results.txt,
-    holds the nearest lens that it has; a .yaml beside it holds the exact one.
+    goes to NAME.uncertainty.json, nor splined lenses.
 
     Args:
         path: the file. camera: the solution. trust: how far it holds.
@@ -40,8 +39,6 @@ def write_lens(path: Path, camera: CameraSolution, trust: Trust, origin: str) ->
     Raises:
         BoardError: the format cannot hold this lens.
     """
-    if path.suffix.lower() == ".txt":
-        return _write_ocam(path, camera, trust)
     if path.suffix.lower() != ".cameramodel":
         return _write_opencv(path, camera, trust)
     notes = []
@@ -55,7 +52,7 @@ def write_lens(path: Path, camera: CameraSolution, trust: Trust, origin: str) ->
             "imagersize": [camera.width, camera.height],
         }
         if camera.lens == "fisheye":
-            exact = path.with_suffix(".yaml")
+            exact = name_exact_file(path, camera)
             notes = _write_opencv(exact, camera, trust)
             model, params, error = fit_splined(camera, trust.domain)
             values.update(lensmodel=model, intrinsics=params)
@@ -73,6 +70,12 @@ def write_lens(path: Path, camera: CameraSolution, trust: Trust, origin: str) ->
     return notes
 
 
+def name_exact_file(path: Path, camera: CameraSolution) -> Path:
+    """Names the file that holds a lens exactly, where `write_lens` writes to `path`."""
+    is_near = path.suffix.lower() == ".cameramodel" and camera.lens == "fisheye"
+    return path.with_suffix(".yaml") if is_near else path
+
+
 def _write_opencv(path: Path, camera: CameraSolution, trust: Trust) -> list[str]:
     if camera.lens == "splined":
         raise BoardError(f"{path}: only mrcal has splined lenses; give -o a .cameramodel file")
@@ -81,21 +84,6 @@ def _write_opencv(path: Path, camera: CameraSolution, trust: Trust) -> list[str]
     side = path.with_suffix(".uncertainty.json")
     write_file(side, json.dumps({SIGMA_KEY: _round_map(trust.sigma)}) + "\n")
     return [f"{side.name} holds the uncertainty of {path.name}"]
-
-
-def _write_ocam(path: Path, camera: CameraSolution, trust: Trust) -> list[str]:
-    """Writes the nearest lens of OCamCalib, and the exact one as .yaml beside it."""
-    exact = path.with_suffix(".yaml")
-    notes = _write_opencv(exact, camera, trust)
-    lens = to_gsut_camera(camera).with_valid_field_angle(trust.valid_angle)
-    near = convert_camera(lens, "ocam")
-    save_camera(near.camera, path, "ocam")
-    return [
-        *notes,
-        f"{path.name}: this is the {near.camera.model} lens nearest to the solved one, "
-        f"{near.worst:.1e} px off at most, and the file does not hold its trusted field of "
-        f"{np.degrees(trust.valid_angle):.1f} degrees; the lens itself is {exact.name}",
-    ]
 
 
 def _round_map(sigma: np.ndarray) -> list[list[float]]:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from calib.camera import CameraSolution
-from calib.report.lens_files import measure_baseline
+from calib.report.lens_files import measure_baseline, name_exact_file
 from calib.report.result import Result
 from calib.trust import AGREEMENT_DEGREES, TRUSTED_SIGMA_PX
 from gsut.files import write_file
@@ -58,12 +58,13 @@ def _collect_camera_values(result: Result, index: int) -> dict[str, Any]:
     camera, trust = result.cameras[index], result.trusts[index]
     mine = [p for p in result.photographs if p.camera == camera.name]
     halves = result.halves[index]
+    files = result.lens_files
     degrees = np.degrees
     return {
         "lens": camera.lens,
         "solver": camera.solver,
         "model": camera.model,
-        "file": result.lens_files[index].name if result.lens_files else None,
+        "file": name_exact_file(files[index], camera).name if files else None,
         "width": camera.width,
         "height": camera.height,
         "boards_total": len(mine),

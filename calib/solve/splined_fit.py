@@ -55,7 +55,7 @@ def _fit(camera: CameraSolution, domain: float, model: str) -> tuple[list[float]
     points = np.concatenate([u / (1 + square), (1 - square) / (1 + square)], axis=1)
     pixels = make_projector(camera)(camera.params, points)[0]
     target = (pixels - camera.params[2:4]) / camera.params[:2] - u
-    control, fitted = fit_control_points(u, target, knots_per_u, (columns, rows), _SPLINE_ORDER)
+    control, fitted = fit_control_points(u, target, knots_per_u, (columns, rows))
     error = np.abs((fitted - target) * camera.params[:2]).max()
     return [*camera.params[:4].tolist(), *control.ravel().tolist()], float(error)
 

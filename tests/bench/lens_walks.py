@@ -6,14 +6,14 @@ from pathlib import Path
 
 from gsut.data import save_dataset
 from gsut.data.poses import invert_pose
-from gsut.lens import Camera, SplineGrid, convert_camera
+from gsut.lens import Camera, convert_camera
 from gsut.sfm.lens.candidates import make_lens
 from tests.bench.walk_film import Film, plan_walk, trace_frames
 
 _SIZE = 480, 320
 _SECONDS = 10.5  # 42 frames at _RATE
 _RATE = 4.0
-_SPLINE = SplineGrid(columns=30)  # 22 rows of them: 1,328 parameters
+_SPLINE_COLUMNS = 30  # control points across, in 22 rows: 1,328 parameters
 
 
 def make_family(family: str) -> Camera:
@@ -30,8 +30,7 @@ def make_family(family: str) -> Camera:
         return barrel
     if family == "pinhole":
         return Camera(family, barrel.params[:4], width, height)
-    grid = _SPLINE if family == "splined_stereographic" else None
-    return convert_camera(barrel, family, grid=grid).camera
+    return convert_camera(barrel, family, columns=_SPLINE_COLUMNS).camera
 
 
 FAMILIES = (

@@ -9,7 +9,6 @@ import pytest
 
 import gsut
 from gsut import files, output_folder, system
-from gsut.data.export import link_file
 from small_videos import walk_past
 
 # What macOS lacks of Linux, and Windows of both. `os.name` stays, because the standard library
@@ -118,15 +117,6 @@ def test_files_appear_on_windows_once_the_scanner_has_let_go(monkeypatch, tmp_pa
     with files.whole_folder(tmp_path / "out") as folder:
         (folder / "b.txt").write_text("b")
     assert (tmp_path / "out/b.txt").read_text() == "b"
-
-
-def test_links_that_the_system_refuses_are_told_with_what_to_do(monkeypatch, tmp_path):
-    def refuse(source, target):
-        raise OSError(1314, "A required privilege is not held by the client")
-
-    monkeypatch.setattr(os, "symlink", refuse)
-    with pytest.raises(gsut.InputError, match=r"privilege is not held.*copy in place"):
-        link_file(tmp_path / "a", tmp_path / "b")
 
 
 def test_commands_to_type_are_quoted_for_the_shell_of_the_system(monkeypatch):

@@ -54,4 +54,3 @@ CONVERT_TARGETS = {
 CONVERT_OTHERS = 0.5  # models that are not listed, of any kind that can hold a fisheye
 CONVERT_SPLINE = 6e-3  # pixels, a fisheye of 200 degrees on 16 control points; worst 2.8e-3
 CONVERT_PUPIL = 1e-3  # pixels, a lens whose pupil moves, at two distances
-CALIB_FOREIGN_OVER_STATED = 1.2  # error at every pixel over that on the fit's grid, to one digit

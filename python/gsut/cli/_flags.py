@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -199,5 +199,11 @@ def parse_image_size(text: str) -> tuple[int, int]:
     return int(width), int(height)
 
 
-def print_json(figures: Any) -> None:
-    print(format_json(figures))
+def print_result(arguments: argparse.Namespace, figures: Any, lines: Iterable[str]) -> int:
+    """Prints figures with --json, else the lines of a summary unless --quiet; the status is 0."""
+    if arguments.json:
+        print(format_json(figures))
+    elif not getattr(arguments, "quiet", False):
+        for line in lines:
+            print(line)
+    return 0

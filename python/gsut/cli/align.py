@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from gsut.cli._flags import add_json, print_json
+from gsut.cli._flags import add_json, print_result
 from gsut.files import refuse_existing
 
 HELP = "place a run in the frame of another; show what has changed"
@@ -63,17 +63,12 @@ def run(arguments: argparse.Namespace) -> int:
                 changed, picture = find_changes(gaussians, moved, other.camera(index), pose)
                 write_png(folder / f"{Path(view.name).stem}.png", picture, view.turns)
                 figures["changed"][view.name] = float(changed.mean())
-    if arguments.json:
-        print_json(figures)
-        return 0
-    print("coordinates of A from those of B:")
-    for row in figures["matrix"]:
-        print("  " + " ".join(f"{value:12.6f}" for value in row))
-    print(
+    lines = [
+        "coordinates of A from those of B:",
+        *("  " + " ".join(f"{value:12.6f}" for value in row) for row in figures["matrix"]),
         f"scale {found.scale:.6g} +- {100 * found.scale_sigma:.2g} %, rotation +- "
         f"{found.rotation_sigma:.2g} degrees, positions +- {found.position_sigma:.2g}, by "
-        f"{len(found.names)} photographs; {len(found.rejected)} do not agree or show another place"
-    )
-    for name, share in figures["changed"].items():
-        print(f"{name}: {share:.1%} has changed")
-    return 0
+        f"{len(found.names)} photographs; {len(found.rejected)} do not agree or show another place",
+        *(f"{name}: {share:.1%} has changed" for name, share in figures["changed"].items()),
+    ]
+    return print_result(arguments, figures, lines)

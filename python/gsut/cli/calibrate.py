@@ -7,12 +7,11 @@ import glob
 import importlib
 import os
 import sys
-from collections.abc import Sequence
 from pathlib import Path
 from types import ModuleType
 
 from gsut._core import InputError
-from gsut.cli._flags import add_json, add_quiet, finite, print_json
+from gsut.cli._flags import add_json, add_quiet, finite, print_result
 from gsut.files import ENDINGS, check_regular, read_json
 from gsut.output_folder import claim_folder
 from gsut.terminal import say
@@ -79,9 +78,9 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "--out",
         metavar="LENS",
         required=True,
-        help="lens file, .cameramodel (mrcal), .yaml (OpenCV) or .txt (OCamCalib); a rig's "
-        "cameras get LENS-NAME; report.html, report.json, corners.vnl and the folder corners are "
-        "written beside it, and replace older ones",
+        help="lens file, .cameramodel (mrcal) or .yaml (OpenCV); a rig's cameras get LENS-NAME; "
+        "report.html, report.json, corners.vnl and the folder corners are written beside it, and "
+        "replace older ones",
     )
     add_quiet(parser)
     add_json(parser)
@@ -91,14 +90,12 @@ def run(arguments: argparse.Namespace) -> int:
     out = Path(arguments.out)
     writes = (out.name, _REPORT, "report.html", "corners", "corners.vnl")
     with claim_folder(out.parent, "calibrate", writes=writes):
-        _calibrate(arguments)
-    if arguments.json:
-        print_json(read_json(out.parent / _REPORT))
-    return 0
+        lines = _calibrate(arguments)
+    return print_result(arguments, read_json(out.parent / _REPORT), lines)
 
 
-def _calibrate(arguments: argparse.Namespace) -> None:
-    """Runs calib on the arguments.
+def _calibrate(arguments: argparse.Namespace) -> list[str]:
+    """Runs calib on the arguments; returns the lines of its summary.
 
     Raises:
         InputError: a flag or image is missing, the photographs do not serve, or calib/ is not
@@ -123,9 +120,9 @@ def _calibrate(arguments: argparse.Namespace) -> None:
         progress=not arguments.quiet,
     )
     result = calib.calibrate(job)
-    _print_notes(result.notes)
-    if not (arguments.quiet or arguments.json):
-        print("\n".join(result.summarize()))
+    for note in result.notes:
+        say(f"note: {note}")
+    return result.summarize()
 
 
 def _import_calib() -> ModuleType:
@@ -142,11 +139,6 @@ def _import_calib() -> ModuleType:
     if str(place) not in sys.path:
         sys.path.insert(0, str(place))
     return importlib.import_module("calib")
-
-
-def _print_notes(notes: Sequence[str]) -> None:
-    for note in notes:
-        say(f"note: {note}")
 
 
 def _list_images(given: list[str]) -> list[Path]:

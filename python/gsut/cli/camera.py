@@ -8,7 +8,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from gsut.cli._flags import Number, add_json, positive, print_json
+from gsut.cli._flags import Number, add_json, print_result
 from gsut.files import refuse_existing
 from gsut.system import format_command
 
@@ -43,24 +43,21 @@ def _find(arguments: argparse.Namespace) -> int:
     if not found:
         find_lens(" ".join(arguments.words))  # says which word is to blame
     shown = found[:_LINES]
-    if arguments.json:
-        rows = [
-            {**dataclasses.asdict(p), "name": p.name, "fov_degrees": p.fov_degrees,
-             "doubts": p.doubts}
-            for p in shown
-        ]  # fmt: skip
-        print_json(rows)
-        return 0
-    print(f"{'field':>7} {'size':>11} {'readout':>8} {'residual':>9}  name")
+    rows = [
+        {**dataclasses.asdict(p), "name": p.name, "fov_degrees": p.fov_degrees,
+         "doubts": p.doubts}
+        for p in shown
+    ]  # fmt: skip
+    lines = [f"{'field':>7} {'size':>11} {'readout':>8} {'residual':>9}  name"]
     for p in shown:
         field = "-" if p.fov_degrees is None else f"{p.fov_degrees:.1f}"
         readout = f"{p.readout_ms:.1f} ms" if p.readout_ms else "-"
         note = f" (doubtful: {', '.join(p.doubts)})" if p.doubts else ""
         size_text = f"{p.width} x {p.height}"
-        print(f"{field:>6}° {size_text:>11} {readout:>8} {p.rms:6.2f} px  {p.name}{note}")
+        lines.append(f"{field:>6}° {size_text:>11} {readout:>8} {p.rms:6.2f} px  {p.name}{note}")
     name = format_command([" ".join(arguments.words)])
-    print(f"{len(shown)} of {len(found)} lenses; the first one serves as --camera {name}")
-    return 0
+    lines.append(f"{len(shown)} of {len(found)} lenses; the first one serves as --camera {name}")
+    return print_result(arguments, rows, lines)
 
 
 def _add_convert(actions: Any) -> None:
@@ -82,12 +79,6 @@ def _add_convert(actions: Any) -> None:
         metavar="DEGREES",
         help="leave out what is farther from the axis [default: the whole image]",
     )
-    convert.add_argument(
-        "--distance",
-        type=positive,
-        metavar="UNITS",
-        help="where both lenses are to agree, if the rays of one do not meet [default: far away]",
-    )
     add_json(convert)
     convert.set_defaults(action=_convert)
 
@@ -99,20 +90,18 @@ def _convert(arguments: argparse.Namespace) -> int:
         refuse_existing(Path(arguments.out), " with -o")
     camera = load_camera(arguments.lens, camera_id=arguments.camera_id)
     limit = None if arguments.max_angle is None else math.radians(arguments.max_angle)
-    conversion = convert_camera(camera, arguments.model, limit, distance=arguments.distance)
+    conversion = convert_camera(camera, arguments.model, limit)
     if arguments.out is not None:
         save_camera(conversion.camera, arguments.out)
-    if arguments.json:
-        lens = conversion.camera
-        print_json({
-            "model": lens.model, "params": list(map(float, lens.params)),
-            "width": lens.width, "height": lens.height,
-            "rms": conversion.rms, "worst": conversion.worst,
-            "rings": [dataclasses.asdict(ring) for ring in conversion.rings],
-        })  # fmt: skip
-        return 0
-    print(f"{camera.model} -> {conversion.camera.model}, {camera.width} x {camera.height}")
-    print(conversion.format_rings())
+    lens = conversion.camera
+    figures = {
+        "model": lens.model, "params": list(map(float, lens.params)),
+        "width": lens.width, "height": lens.height,
+        "rms": conversion.rms, "worst": conversion.worst,
+        "rings": [dataclasses.asdict(ring) for ring in conversion.rings],
+    }  # fmt: skip
+    lines = [f"{camera.model} -> {lens.model}, {camera.width} x {camera.height}"]
+    lines.append(conversion.format_rings())
     if arguments.out is not None:
-        print(f"wrote {arguments.out}")
-    return 0
+        lines.append(f"wrote {arguments.out}")
+    return print_result(arguments, figures, lines)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import itertools
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from gsut.cli._flags import (
     add_json,
     add_quiet,
     finite,
-    print_json,
+    print_result,
     show_findings,
     whole,
 )
@@ -69,15 +70,11 @@ def run(arguments: argparse.Namespace) -> int:
         finetune=arguments.finetune,
     )
     if Path(arguments.source).suffix.lower() == _PLY or Path(arguments.source).is_file():
-        figures = _compact_file(arguments, options)
-    else:
-        figures = _compact_run(arguments, options)
-    if arguments.json:
-        print_json(figures)
-    return 0
+        return _compact_file(arguments, options)
+    return _compact_run(arguments, options)
 
 
-def _compact_file(arguments: argparse.Namespace, options: Any) -> dict[str, Any]:
+def _compact_file(arguments: argparse.Namespace, options: Any) -> int:
     """Compacts a PLY file without cameras or photographs."""
     import time
 
@@ -100,11 +97,8 @@ def _compact_file(arguments: argparse.Namespace, options: Any) -> dict[str, Any]
     result = compact(gaussians, options.keep, method=options.method, seed=options.seed)
     seconds = time.perf_counter() - started
     gsut.formats.save_ply(out, result.gaussians)
-    if not arguments.quiet and not arguments.json:
-        print(
-            f"{len(gaussians):,} -> {len(result.gaussians):,} Gaussians in {seconds:.1f} s: {out}"
-        )
-    return {
+    line = f"{len(gaussians):,} -> {len(result.gaussians):,} Gaussians in {seconds:.1f} s: {out}"
+    figures = {
         "method": options.method,
         "source_num_gaussians": len(gaussians),
         "num_gaussians": len(result.gaussians),
@@ -112,9 +106,10 @@ def _compact_file(arguments: argparse.Namespace, options: Any) -> dict[str, Any]
         "compact_seconds": seconds,
         "bytes": out.stat().st_size,
     }
+    return print_result(arguments, figures, [line])
 
 
-def _compact_run(arguments: argparse.Namespace, options: Any) -> dict[str, Any]:
+def _compact_run(arguments: argparse.Namespace, options: Any) -> int:
     from gsut.formats import check_room
     from gsut.gaussians import StoredGaussians
     from gsut.run import Progress, RunFile, RunFolder
@@ -149,16 +144,15 @@ def _compact_run(arguments: argparse.Namespace, options: Any) -> dict[str, Any]:
         made = compactor.make()
     run = write_compacted_run(target.path, source, compactor, made)
     metrics = run.read_json(RunFile.METRICS)
-    if not arguments.quiet and not arguments.json:
-        _print_summary(metrics, (run.path / RunFile.SCENE).stat().st_size)
-    return metrics
+    lines = _summarize(metrics, (run.path / RunFile.SCENE).stat().st_size)
+    return print_result(arguments, metrics, lines)
 
 
-def _print_summary(metrics: dict[str, Any], size: int) -> None:
+def _summarize(metrics: dict[str, Any], size: int) -> Iterator[str]:
     done = metrics["compaction"]
     steps, seconds = done["finetune_steps"], done["compact_seconds"] + done["finetune_seconds"]
     tuned = f", {steps} steps" if steps else ""
-    print(
+    yield (
         f"{done['source_num_gaussians']:,} -> {metrics['num_gaussians']:,} Gaussians by "
         f"{done['method']}{tuned} in {seconds:.1f} s, {size / 1e6:.1f} MB"
     )
@@ -168,7 +162,7 @@ def _print_summary(metrics: dict[str, Any], size: int) -> None:
         if before is not None:
             change = metrics["psnr"] - before
             was = f" ({'gains' if change > 0 else 'loses'} {abs(change):.2f} dB)"
-        print(
+        yield (
             f"PSNR {metrics['psnr']:.2f} dB{was}, SSIM {metrics['ssim']:.4f}, "
             f"{metrics['render_ms']:.1f} ms a view"
         )

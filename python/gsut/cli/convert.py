@@ -5,11 +5,12 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from gsut._core import InputError
-from gsut.cli._flags import FILE_SUFFIXES, add_json, print_json
+from gsut.cli._flags import FILE_SUFFIXES, add_json, print_result
 from gsut.files import refuse_existing
 
 HELP = "a scene in another format: SPZ, SOG, glTF, USD, PLY, a page for any browser"
@@ -102,11 +103,7 @@ def run(arguments: argparse.Namespace) -> int:
         "for_viewers": tuning,
         **_write(out, gaussians, settings),
     }
-    if arguments.json:
-        print_json(figures)
-    else:
-        _print_summary(figures)
-    return 0
+    return print_result(arguments, figures, _summarize(figures))
 
 
 def _write_stream(arguments: argparse.Namespace, out: Path) -> int:
@@ -141,20 +138,17 @@ def _write_stream(arguments: argparse.Namespace, out: Path) -> int:
         "source": str(arguments.source), "out": str(out), "format": "streamed SOG",
         "psnr": levels.psnrs, **dataclasses.asdict(written),
     }  # fmt: skip
-    if arguments.json:
-        print_json(figures)
-        return 0
-    for count, psnr, chunks, size in zip(
-        written.counts, levels.psnrs, written.chunks, written.level_bytes, strict=True
-    ):
-        pieces = f"{chunks} piece{'s' if chunks > 1 else ''}"
-        print(f"{count:,} Gaussians, {psnr:.2f} dB, {size / 1e6:.2f} MB in {pieces}")
+    lines = [
+        f"{count:,} Gaussians, {psnr:.2f} dB, {size / 1e6:.2f} MB in {chunks} piece"
+        + ("s" if chunks > 1 else "")
+        for count, psnr, chunks, size in zip(
+            written.counts, levels.psnrs, written.chunks, written.level_bytes, strict=True
+        )
+    ]
     if written.environment_bytes:
-        print(f"far surroundings, in every level: {written.environment_bytes / 1e6:.2f} MB")
-    print(f"first picture after {written.first_bytes / 1e3:.0f} kB: {out} (streamed SOG)")
-    for sentence in written.left_out:
-        print(sentence)
-    return 0
+        lines.append(f"far surroundings, in every level: {written.environment_bytes / 1e6:.2f} MB")
+    lines.append(f"first picture after {written.first_bytes / 1e3:.0f} kB: {out} (streamed SOG)")
+    return print_result(arguments, figures, [*lines, *written.left_out])
 
 
 def _write_page(arguments: argparse.Namespace, out: Path) -> int:
@@ -177,16 +171,11 @@ def _write_page(arguments: argparse.Namespace, out: Path) -> int:
         "clipped": written.clipped, "left_out": list(written.left_out),
     }  # fmt: skip
     _link_in_report(out)
-    if arguments.json:
-        print_json(figures)
-    else:
-        print(
-            f"{figures['num_gaussians']:,} Gaussians, {out.stat().st_size / 1e6:.1f} MB: {out} "
-            "(a page of one file; a double click opens it)"
-        )
-        for sentence in written.left_out:
-            print(sentence)
-    return 0
+    line = (
+        f"{figures['num_gaussians']:,} Gaussians, {out.stat().st_size / 1e6:.1f} MB: {out} "
+        "(a page of one file; a double click opens it)"
+    )
+    return print_result(arguments, figures, [line, *written.left_out])
 
 
 def _tune_for_viewers(arguments: argparse.Namespace) -> tuple[Any, dict[str, Any]]:
@@ -287,25 +276,24 @@ def _write(out: Path, gaussians: Any, settings: Any) -> dict[str, Any]:
     }
 
 
-def _print_summary(figures: dict[str, Any]) -> None:
+def _summarize(figures: dict[str, Any]) -> Iterator[str]:
     before, after = figures["source_bytes"] / 1e6, figures["bytes"] / 1e6
     kind = "surfels" if figures["surfels"] else "Gaussians"
-    print(
+    yield (
         f"{figures['num_gaussians']:,} {kind}, {before:.1f} -> {after:.1f} MB in "
         f"{figures['write_seconds']:.1f} s: {figures['out']} ({figures['format']})"
     )
     if figures["light"] is not None:
-        print(figures["light"])
+        yield figures["light"]
     tuning = figures["for_viewers"]
     if tuning is not None:
-        print(
+        yield (
             f"viewers' pictures against gsut's, {tuning['steps']} steps: PSNR "
             f"{tuning['psnr_before']:.2f} dB before, {tuning['psnr_after']:.2f} dB after"
         )
     for name, count in figures["clipped"].items():
-        print(
+        yield (
             f"{count:,} values of {name} lay beyond what {figures['format']} holds and were "
             "brought to its edge"
         )
-    for sentence in figures["left_out"]:
-        print(sentence)
+    yield from figures["left_out"]

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from gsut.cli._flags import add_json, print_json, read_folder_name
+from gsut.cli._flags import add_json, print_result, read_folder_name
 from gsut.data import list_writable_layouts
 from gsut.terminal import say
 
@@ -78,13 +78,10 @@ def _convert(arguments: argparse.Namespace) -> int:
         poses_topic=arguments.poses_topic,
         progress=True,
     )
-    if arguments.json:
-        print_json({"out": arguments.out, "layout": arguments.to, "notes": notes})
-        return 0
-    for note in notes:
+    for note in notes if not arguments.json else ():
         say(f"note: {note}")
-    print(arguments.out)
-    return 0
+    figures = {"out": arguments.out, "layout": arguments.to, "notes": notes}
+    return print_result(arguments, figures, [arguments.out])
 
 
 def _collect_parts(arguments: argparse.Namespace) -> dict[str, Any]:

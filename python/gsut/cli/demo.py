@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from gsut.cli._flags import add_json, print_json, read_folder_name, whole
-from gsut.cli.train import print_figures, train_into
+from gsut.cli._flags import add_json, print_result, read_folder_name, whole
+from gsut.cli.train import summarize, train_into
 from gsut.cli.view import has_display
-from gsut.run import RunFile, RunFolder, TrainOptions, Verdict
+from gsut.run import RunFile, RunFolder, TrainOptions
 
 HELP = "train on a small fisheye scene, show the report"
 DESCRIPTION = (
@@ -62,16 +62,12 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.rig:
         poses["depth"] = _measure_depth_errors(run, made / "depth")
     report = run.path / RunFile.REPORT
-    if arguments.json:
-        print_json(metrics | poses)
-    else:
-        if poses:
-            print(_describe_poses(poses["poses"], data))
-            if poses["depth"] is not None:
-                print(_describe_depth(poses["depth"]))
-        print_figures(metrics)
-        print(Verdict.from_dict(metrics["verdict"]))
-        print(f"report: {report}")
+    lines = []
+    if poses:
+        lines.append(_describe_poses(poses["poses"], data))
+        if poses["depth"] is not None:
+            lines.append(_describe_depth(poses["depth"]))
+    print_result(arguments, metrics | poses, [*lines, *summarize(metrics, run)])
     if not arguments.no_open and has_display():
         webbrowser.open(report.resolve().as_uri())
     return 0

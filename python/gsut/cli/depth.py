@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from gsut.cli._flags import add_force, add_json, add_quiet, check_first, print_json
+from gsut.cli._flags import add_force, add_json, add_quiet, check_first, print_result
 from gsut.files import check_name, refuse_existing, whole_folder, write_npy, write_picture
 
 if TYPE_CHECKING:
@@ -65,12 +65,8 @@ def run(arguments: argparse.Namespace) -> int:
         write_transforms(folder / "transforms.json", frames, points_file=_POINTS, test=test or None)
     known = float(np.mean([np.isfinite(m.depth[scene.mask(i)]).mean() for i, m in enumerate(maps)]))
     figures = {"photographs": len(maps), "known": known, "points": len(points.vertices), "out": out}
-    if arguments.json:
-        print_json(figures)
-    elif not arguments.quiet:
-        print(f"depths of {known:.0%} of the pixels of {len(maps)} photographs, "
-              f"{len(points.vertices):,} points: {out}")  # fmt: skip
-    return 0
+    line = f"depths of {known:.0%} of the pixels of {len(maps)} photographs, "
+    return print_result(arguments, figures, [line + f"{len(points.vertices):,} points: {out}"])
 
 
 def _write_view(scene: Scene, view: int, found: DepthMap, folder: Path, name: str) -> Frame:

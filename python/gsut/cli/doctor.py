@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import dataclasses
 
-from gsut.cli._flags import add_json, print_json
+from gsut.cli._flags import add_json, print_result
 
 HELP = "what is wrong with a dataset, in words"
 DESCRIPTION = (
@@ -23,8 +23,6 @@ def run(arguments: argparse.Namespace) -> int:
     from gsut.check import doctor, format_findings
 
     findings = doctor(arguments.data)
-    if arguments.json:
-        print_json([dataclasses.asdict(finding) for finding in findings])
-    else:
-        print(format_findings(findings))
+    rows = [dataclasses.asdict(finding) for finding in findings]
+    print_result(arguments, rows, [format_findings(findings)])
     return 2 if any(finding.severity == "error" for finding in findings) else 0

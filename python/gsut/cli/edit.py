@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.bounds import LEAST_SCALE
-from gsut.cli._flags import add_json, finite, print_json
+from gsut.cli._flags import add_json, finite, print_result
 from gsut.cli.convert import find_scene_file
 from gsut.files import refuse_existing
 
@@ -131,28 +132,23 @@ def run(arguments: argparse.Namespace) -> int:
         "out": str(out),
         "left_out": list(written.left_out),
     }
-    if arguments.json:
-        print_json(figures)
-    else:
-        _print_summary(figures)
-    return 0
+    return print_result(arguments, figures, _summarize(figures))
 
 
-def _print_summary(figures: dict[str, Any]) -> None:
-    print(
+def _summarize(figures: dict[str, Any]) -> Iterator[str]:
+    yield (
         f"{figures['num_gaussians']:,} of {figures['source_num_gaussians']:,} Gaussians, lengths "
         f"times {figures['scale']:.6g}: {figures['out']}"
     )
     if figures["floaters"]:
-        print(f"{figures['floaters']:,} left out by what the photographs say")
+        yield f"{figures['floaters']:,} left out by what the photographs say"
     if figures["removed_by_hand"]:
-        print(f"{figures['removed_by_hand']:,} removed by the edits")
+        yield f"{figures['removed_by_hand']:,} removed by the edits"
     if figures["positions_rms"] is not None:
-        print(f"the cameras are {figures['positions_rms']:.3g} m (rms) from where the file says")
+        yield f"the cameras are {figures['positions_rms']:.3g} m (rms) from where the file says"
     if figures["upside_down"]:
-        print("the cameras are upside down now: are x and y, or north and east, swapped?")
-    for sentence in figures["left_out"]:
-        print(sentence)
+        yield "the cameras are upside down now: are x and y, or north and east, swapped?"
+    yield from figures["left_out"]
 
 
 def _scale_of(arguments: argparse.Namespace) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ from gsut._core import InputError
 from gsut.cli._flags import (
     add_json,
     add_run,
-    print_json,
+    print_result,
     read_folder_name,
     show_findings,
 )
@@ -55,7 +55,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    from gsut.cli.train import print_figures
+    from gsut.cli.train import summarize_figures
     from gsut.run import RunFolder
     from gsut.training import open_trained
 
@@ -73,14 +73,13 @@ def run(arguments: argparse.Namespace) -> int:
     with whole_folder(arguments.out) if arguments.out else contextlib.nullcontext() as out:
         show_findings(scene, run)
         figures = _measure_run(arguments, run, options, scene, gaussians, indices, out)
-    if arguments.json:
-        print_json(figures)
-    else:
-        for row in figures["views"]:
-            print(f"{row['psnr']:7.2f} dB  SSIM {row['ssim']:.4f}  {row['name']}")
-        print_figures(figures)
-        print_geometry(figures.get("geometry", {}))
-    return 0
+    lines = [
+        *(f"{row['psnr']:7.2f} dB  SSIM {row['ssim']:.4f}  {row['name']}"
+          for row in figures["views"]),
+        *summarize_figures(figures),
+        *_summarize_geometry(figures.get("geometry", {})),
+    ]  # fmt: skip
+    return print_result(arguments, figures, lines)
 
 
 def _measure_run(
@@ -126,33 +125,33 @@ def _measure_run(
     return figures
 
 
-def print_geometry(geometry: dict[str, Any]) -> None:
-    """Prints a line for each kind of depth, with its rings, and for the mesh."""
+def _summarize_geometry(geometry: dict[str, Any]) -> Iterator[str]:
+    """Yields a line for each kind of depth, with its rings, and for the mesh."""
     depth = dict(geometry.get("depth", {}))
     views = depth.pop("views", 0)
     for kind, row in depth.items():
         if row["abs_rel"] is None:
-            print(f"depth, {kind}: none where the truth is known")
+            yield f"depth, {kind}: none where the truth is known"
             continue
         rings = ", ".join(
             f"{100 * ring['abs_rel_median']:.2f} % to {ring['to_degrees']:.0f}°"
             for ring in row["rings"]
             if ring["abs_rel_median"] is not None
         )
-        print(
+        yield (
             f"depth, {kind}: AbsRel {100 * row['abs_rel']:.2f} % (median "
             f"{100 * row['abs_rel_median']:.2f} %; {rings}), RMSE {row['rmse']:.4g}, delta < 1.25 "
             f"{100 * row['delta1']:.1f} %, on {100 * row['coverage']:.1f} % of {views} views"
         )
     if mesh := geometry.get("mesh"):
         normals = mesh["normal_consistency"]
-        print(
+        yield (
             f"mesh: accuracy {mesh['accuracy']:.4g}, completeness {mesh['completeness']:.4g}, "
             f"Chamfer {mesh['chamfer']:.4g}"
             + ("" if normals is None else f", normal consistency {normals:.3f}")
         )
         for row in mesh["fscores"]:
-            print(
+            yield (
                 f"mesh: F-score {row['fscore']:.3f} at {row['distance']:g} (precision "
                 f"{row['precision']:.3f}, recall {row['recall']:.3f})"
             )

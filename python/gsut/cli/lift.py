@@ -11,7 +11,7 @@ import numpy as np
 from gsut._core import InputError
 from gsut.cli._flags import (
     add_json,
-    print_json,
+    print_result,
     show_findings,
     whole,
 )
@@ -77,18 +77,15 @@ def run(arguments: argparse.Namespace) -> int:
         "gaussians": len(gaussians), "seen": seen, "maps": len(maps),
         "labels" if arguments.labels else "values": width, **judged, "out": str(out),
     }  # fmt: skip
-    if arguments.json:
-        print_json(figures)
-    else:
-        print(
-            f"{width} {'labels' if arguments.labels else 'values a pixel'} on {seen:.1%} of "
-            f"{len(gaussians):,} Gaussians: {out}"
-        )
-        if "right" in judged:
-            print(f"right on {judged['right']:.2%} of {judged['pixels']:,} held-out pixels")
-        elif judged:
-            print(f"off by {judged['rms']:.4g} (rms) on {judged['pixels']:,} held-out pixels")
-    return 0
+    lines = [
+        f"{width} {'labels' if arguments.labels else 'values a pixel'} on {seen:.1%} of "
+        f"{len(gaussians):,} Gaussians: {out}"
+    ]
+    if "right" in judged:
+        lines.append(f"right on {judged['right']:.2%} of {judged['pixels']:,} held-out pixels")
+    elif judged:
+        lines.append(f"off by {judged['rms']:.4g} (rms) on {judged['pixels']:,} held-out pixels")
+    return print_result(arguments, figures, lines)
 
 
 def _open_scene(arguments: argparse.Namespace) -> tuple[Any, Any]:

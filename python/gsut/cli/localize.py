@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Iterator
 from typing import Any
 
 from gsut.cli._flags import (
     add_json,
-    print_json,
+    print_result,
     show_findings,
 )
 from gsut.terminal import say
@@ -54,11 +55,7 @@ def run(arguments: argparse.Namespace) -> int:
     indices = scene.train_indices or range(len(scene.views))
     start = found.start if isinstance(found.start, str) else scene.views[indices[found.start]].name
     figures = _list_figures(found, scene, start)
-    if arguments.json:
-        print_json(figures)
-    else:
-        _print_pose(figures)
-    return 0
+    return print_result(arguments, figures, _summarize(figures))
 
 
 def _list_figures(localized: Any, scene: Any, start: str) -> dict[str, Any]:
@@ -88,44 +85,45 @@ def _list_figures(localized: Any, scene: Any, start: str) -> dict[str, Any]:
     }
 
 
-def _print_pose(figures: dict[str, Any]) -> None:
+def _summarize(figures: dict[str, Any]) -> Iterator[str]:
+    """Summarizes a pose in lines; warnings and notes go to standard error."""
     if figures["matches"]:
-        print(f"start: from {figures['matches']} matches with rendered training views")
+        yield f"start: from {figures['matches']} matches with rendered training views"
     else:
-        print(f"start: the pose of {figures['start']}")
-    print("camera_from_world (dataset coordinates):")
+        yield f"start: the pose of {figures['start']}"
+    yield "camera_from_world (dataset coordinates):"
     for row in figures["camera_from_world"]:
-        print("  " + " ".join(f"{value:12.6f}" for value in row))
+        yield "  " + " ".join(f"{value:12.6f}" for value in row)
     pairs = zip(figures["center"], figures["center_std"], strict=True)
-    print("centre: " + ", ".join(f"{value:.5f} +- {std:.5f}" for value, std in pairs))
+    yield "centre: " + ", ".join(f"{value:.5f} +- {std:.5f}" for value, std in pairs)
     turns = ", ".join(f"{std:.4f}" for std in figures["rotation_std_degrees"])
-    print(f"rotation: +- {turns} degrees about the camera's axes")
-    print(
+    yield f"rotation: +- {turns} degrees about the camera's axes"
+    yield (
         f"colours: rms difference {figures['rms']:.4f} with gain {figures['gain']:.3f} and bias "
         f"{figures['bias']:+.3f}"
     )
-    print(f"{figures['agreement']:.0%} of the photograph's parts lie where the scene shows them")
+    yield f"{figures['agreement']:.0%} of the photograph's parts lie where the scene shows them"
     if abs(figures["focal_scale"] - 1) > _FOCAL_OFF:
         say(
             "warning: the photograph fits better a focal length times "
             f"{figures['focal_scale']:.3f}: check --camera; the uncertainty says how far that "
             "moves the pose"
         )
-    _print_shutter(figures)
+    yield from _summarize_shutter(figures)
     if not figures["converged"]:
         say("note: the refinement stopped before it converged")
 
 
-def _print_shutter(figures: dict[str, Any]) -> None:
+def _summarize_shutter(figures: dict[str, Any]) -> Iterator[str]:
     if figures["motion"] is not None:
         pairs = list(zip(figures["motion"], figures["motion_std"], strict=True))
         moved = ", ".join(f"{value:.5f} +- {std:.5f}" for value, std in pairs[:3])
         turned = ", ".join(
             f"{math.degrees(value):.4f} +- {math.degrees(std):.4f}" for value, std in pairs[3:]
         )
-        print(f"rolling shutter ({figures['shutter']}): the pose is that of the middle line")
-        print(f"from first to last line the centre moves by {moved}")
-        print(f"and the camera turns by {turned} degrees about its axes")
+        yield f"rolling shutter ({figures['shutter']}): the pose is that of the middle line"
+        yield f"from first to last line the centre moves by {moved}"
+        yield f"and the camera turns by {turned} degrees about its axes"
     elif figures["shutter_source"] == "undetermined":
         say(
             "warning: the photograph does not determine whether its lines were read one "

@@ -7,7 +7,7 @@ import argparse
 import numpy as np
 
 from gsut._core import InputError
-from gsut.cli._flags import add_json, finite, print_json
+from gsut.cli._flags import add_json, finite, print_result
 
 HELP = "distances between points of a scene, by pixels of photographs"
 DESCRIPTION = (
@@ -62,22 +62,21 @@ def run(arguments: argparse.Namespace) -> int:
         if not distances[0] > 0:
             raise InputError("the first two points are one; --length needs two")
         figures["scale"] = arguments.length / distances[0]
-    if arguments.json:
-        print_json(figures)
-        return 0
+    lines = []
     for number, point in enumerate(points):
         step = ""
         if number:
             length, sigma = distances[number - 1], sigmas[number - 1]
             step = f", {length:.6g} from the one before (+- {sigma:.2g}, one sigma)"
-        print(f"({', '.join(f'{value:.6g}' for value in point)}){step}")
+        lines.append(f"({', '.join(f'{value:.6g}' for value in point)}){step}")
     if len(points) > 2:
-        print(f"{figures['total']:.6g} in all")
+        lines.append(f"{figures['total']:.6g} in all")
     if scale_sigma is not None:
-        print(f"the scale is known to {100 * scale_sigma:.2g} %, which is included")
+        lines.append(f"the scale is known to {100 * scale_sigma:.2g} %, which is included")
     if "scale" in figures:
-        print(f"for this length: gsut edit {arguments.scene} --scale {figures['scale']:.6g} -o OUT")
-    return 0
+        how = f"--scale {figures['scale']:.6g} -o OUT"
+        lines.append(f"for this length: gsut edit {arguments.scene} {how}")
+    return print_result(arguments, figures, lines)
 
 
 def _number(text: str) -> float:

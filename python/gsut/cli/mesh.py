@@ -13,10 +13,9 @@ from gsut.cli._flags import (
     add_json,
     add_quiet,
     add_run,
-    count,
     finite,
     positive,
-    print_json,
+    print_result,
     show_findings,
 )
 from gsut.files import refuse_existing
@@ -69,10 +68,6 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "no check]",
     )  # fmt: skip
     parser.add_argument(
-        "--max-side", type=count, default=1024, metavar="PIXELS",
-        help="longer side of the depth maps [default 1024]",
-    )  # fmt: skip
-    parser.add_argument(
         "--holes", type=Number(0, whole=True), default=0, metavar="N",
         help="close holes of up to N edges [default 0: none]",
     )  # fmt: skip
@@ -96,7 +91,6 @@ def run(arguments: argparse.Namespace) -> int:
         voxel=arguments.voxel,
         support=arguments.support,
         refine=arguments.refine,
-        max_side=arguments.max_side,
         photographs=arguments.photographs,
         holes=arguments.holes,
         crop=None if arguments.crop is None else np.array(arguments.crop),
@@ -110,8 +104,4 @@ def run(arguments: argparse.Namespace) -> int:
         "vertices": len(mesh.vertices), "faces": len(mesh.faces),
         "seconds": time.perf_counter() - began, "out": str(out),
     }  # fmt: skip
-    if arguments.json:
-        print_json(figures)
-    elif not arguments.quiet:
-        print(f"{out}: {mesh}, {figures['seconds']:.1f} s")
-    return 0
+    return print_result(arguments, figures, [f"{out}: {mesh}, {figures['seconds']:.1f} s"])

@@ -5,12 +5,13 @@ from __future__ import annotations
 import argparse
 import contextlib
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from gsut._core import InputError
 from gsut.capture import capture, needs_capture
-from gsut.cli._flags import add_capture, add_json, add_quiet, print_json, read_folder_name
+from gsut.cli._flags import add_capture, add_json, add_quiet, print_result, read_folder_name
 from gsut.data import CAPTURE_FOLDER
 from gsut.data.rigs import read_rig
 from gsut.output_folder import claim_folder
@@ -80,11 +81,8 @@ def run(arguments: argparse.Namespace) -> int:
     with claim_folder(arguments.out, "poses", arguments.images):
         images = capture_first(arguments, options)
         figures, is_new = find_once(images, arguments, options)
-    if arguments.json:
-        print_json({key: value for key, value in figures.items() if key != "views"})
-    elif not arguments.quiet:
-        print_poses(figures, Path(arguments.out), is_new)
-    return 0
+    kept = {key: value for key, value in figures.items() if key != "views"}
+    return print_result(arguments, kept, summarize_poses(figures, Path(arguments.out), is_new))
 
 
 def capture_first(arguments: argparse.Namespace, options: PosesOptions) -> str | os.PathLike[str]:
@@ -140,35 +138,35 @@ def find_with_bar(
         return find_poses(images, out, log=log, **settings)
 
 
-def print_poses(figures: dict[str, Any], out: Path, is_new: bool) -> None:
-    """Prints what was found."""
+def summarize_poses(figures: dict[str, Any], out: Path, is_new: bool) -> Iterator[str]:
+    """Summarizes what was found, in lines."""
     error = figures["reprojection_error_px"]
-    print(
+    yield (
         f"{figures['registered']} of {figures['images']} images registered, "
         f"{figures['points']:,} points, error {error['median']:.3f} px (median), "
         f"{error['rms']:.3f} px (rms), "
         + (f"{figures['seconds']['total']:.1f} s" if is_new else "already finished")
     )
     if "rig" in figures:
-        print(describe_rig(figures["rig"]))
+        yield describe_rig(figures["rig"])
     for lens in figures["lenses"] if figures["lens"] == "estimated" else []:
         values = " ".join(f"{value:.6g}" for value in lens["params"])
-        print(f"lens found: {lens['model']} {values}")
-    print_known_points(figures)
-    print(Verdict.from_dict(figures["verdict"]))
-    print(f"report: {out / 'report.html'}")
+        yield f"lens found: {lens['model']} {values}"
+    yield from _summarize_known_points(figures)
+    yield str(Verdict.from_dict(figures["verdict"]))
+    yield f"report: {out / 'report.html'}"
 
 
-def print_known_points(figures: dict[str, Any]) -> None:
-    """Prints what is left at each marker and control point."""
+def _summarize_known_points(figures: dict[str, Any]) -> Iterator[str]:
+    """Summarizes what is left at each marker and control point."""
     markers = figures.get("markers", {})
     for row in markers.get("found", []):
         edge = f"edge {row['edge']:.5g} m of {markers['edge']:g}, " if markers["applied"] else ""
-        print(f"marker {row['id']}: in {row['views']} images, {edge}{row['residual_px']:.2f} px")
+        yield f"marker {row['id']}: in {row['views']} images, {edge}{row['residual_px']:.2f} px"
     for row in figures.get("control", {}).get("points", []):
         off = " ".join(f"{value:+.4f}" for value in row["residual"])
         pixels = "" if row["residual_px"] is None else f", {row['residual_px']:.2f} px"
-        print(f"{row['use']} point {row['name']}: in {row['pictures']} images, {off} m{pixels}")
+        yield f"{row['use']} point {row['name']}: in {row['pictures']} images, {off} m{pixels}"
 
 
 def describe_rig(rig: dict[str, Any]) -> str:

@@ -17,7 +17,7 @@ from gsut.cli._flags import (
     add_moved_data,
     degrees,
     parse_image_size,
-    print_json,
+    print_result,
     whole,
 )
 from gsut.files import refuse_existing, whole_folder
@@ -171,18 +171,15 @@ def run(arguments: argparse.Namespace) -> int:
         figures: dict[str, Any] = {"images": len(shots), "out": str(out)}
         for output in outputs:
             figures |= output.finish()
-    if arguments.json:
-        print_json(figures)
-    else:
-        print(f"{len(shots)} images: {out}")
-        if stage.light is not None:
-            print(Light.SHOWN)
-        if sure is not None:
-            print(figures["confidence"])
-            print(f"never seen: {100 * figures['never_seen']:.1f} % of the pixels")
-        if arguments.cloud:
-            print(f"{figures['points']:,} points: {arguments.cloud}")
-    return 0
+    lines = [f"{len(shots)} images: {out}"]
+    if stage.light is not None:
+        lines.append(Light.SHOWN)
+    if sure is not None:
+        lines.append(figures["confidence"])
+        lines.append(f"never seen: {100 * figures['never_seen']:.1f} % of the pixels")
+    if arguments.cloud:
+        lines.append(f"{figures['points']:,} points: {arguments.cloud}")
+    return print_result(arguments, figures, lines)
 
 
 def _stage(arguments: argparse.Namespace) -> Any:

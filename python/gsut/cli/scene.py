@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
-from gsut.cli._flags import add_json, add_quiet, print_json, read_folder_name
+from gsut.cli._flags import add_json, add_quiet, print_result, read_folder_name
 from gsut.cli.view import LivePage, add_live_flags
 from gsut.run import SceneOptions
 from gsut.run.options import add_option_flags, collect_given
@@ -35,6 +34,9 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     add_option_flags(parser, SceneOptions)
     add_live_flags(parser)
+    parser.add_argument(
+        "--no-open", action="store_true", help="do not open the page of --view in a browser"
+    )
     add_quiet(parser)
     add_json(parser)
 
@@ -45,13 +47,11 @@ def run(arguments: argparse.Namespace) -> int:
 
     options = SceneOptions(**collect_given(SceneOptions, arguments))
     was_finished = is_scene_finished(arguments.out)
-    is_silent = arguments.quiet or arguments.json
     with LivePage(arguments) as page:
-        watcher = None if was_finished else page.open(Path(arguments.out).resolve().name)
         try:
             result = gsut.scene(
                 arguments.inputs, arguments.out, options, progress=not arguments.quiet,
-                watcher=watcher,
+                watch=page.begin_training,
             )  # fmt: skip
         except KeyboardInterrupt as interrupt:
             scene_kept = f"; {interrupt}" if str(interrupt) else ""
@@ -61,15 +61,11 @@ def run(arguments: argparse.Namespace) -> int:
                 f"the same command again to resume: {words} ..."
             ) from None
         page.finish(result.trained)
-        if was_finished and not is_silent:
-            print(f"already finished: {result.path}")
-        if arguments.json:
-            print_json(result.figures)
-        elif not arguments.quiet:
-            print(result.verdict)
-            if renders := result.figures.get("renders"):
-                said = "" if renders == result.verdict.what else f"{renders}; "
-                print(f"{said}look around in it: gsut view {result.path}")
-            print(f"report: {result.page}")
+        lines = [f"already finished: {result.path}"] if was_finished else []
+        lines.append(str(result.verdict))
+        if renders := result.figures.get("renders"):
+            said = "" if renders == result.verdict.what else f"{renders}; "
+            lines.append(f"{said}look around in it: gsut view {result.path}")
+        print_result(arguments, result.figures, [*lines, f"report: {result.page}"])
         page.stay()
     return 0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+from collections.abc import Iterator
 from typing import Any
 
 from gsut._core import InputError
@@ -13,7 +14,7 @@ from gsut.cli._flags import (
     add_quiet,
     check_first,
     keep_findings,
-    print_json,
+    print_result,
     read_folder_name,
 )
 from gsut.cli.view import LivePage, add_live_flags
@@ -72,15 +73,17 @@ def run(arguments: argparse.Namespace) -> int:
             run, arguments.data, options, arguments.resume, arguments.quiet, page, arguments.force,
             blocks,
         )  # fmt: skip
-        if arguments.json:
-            print_json(metrics)
-        elif not arguments.quiet:
-            print_figures(metrics)
-            if metrics.get("verdict"):
-                print(Verdict.from_dict(metrics["verdict"]))
-            print(f"report: {run.path / RunFile.REPORT}")
+        print_result(arguments, metrics, summarize(metrics, run))
         page.stay()
     return 0
+
+
+def summarize(metrics: dict[str, Any], run: RunFolder) -> Iterator[str]:
+    """Summarizes a training in lines: figures, verdict, report."""
+    yield from summarize_figures(metrics)
+    if metrics.get("verdict"):
+        yield str(Verdict.from_dict(metrics["verdict"]))
+    yield f"report: {run.path / RunFile.REPORT}"
 
 
 def _read_block_options(run: RunFolder, arguments: argparse.Namespace) -> BlockOptions | None:
@@ -153,8 +156,7 @@ def train_into(
                 scene, options, blocks, out=run.path, resume=resume, progress=not quiet
             )
         else:
-            live = None if page is None else page.open(scene.path.resolve().name)
-            watch = None if live is None else live.begin_training(scene, options)
+            watch = None if page is None else page.begin_training(scene, options)
             result = gsut.train(
                 scene, options, out=run.path, resume=resume, progress=not quiet, watch=watch
             )
@@ -178,14 +180,14 @@ def train_into(
     return run.read_json(RunFile.METRICS)
 
 
-def print_figures(figures: dict[str, Any]) -> None:
-    """Prints the headline figures and the rings."""
+def summarize_figures(figures: dict[str, Any]) -> Iterator[str]:
+    """Summarizes the headline figures and the rings in lines."""
     from gsut.evaluate import name_ring
 
     if figures.get("psnr") is None:
-        print("no held-out view, hence no PSNR")
+        yield "no held-out view, hence no PSNR"
     else:
-        print(
+        yield (
             f"PSNR {figures['psnr']:.2f} dB (worst {figures['psnr_min']:.2f} dB, "
             f"{figures['worst_view']}; colour-corrected {figures['psnr_color_corrected']:.2f} dB), "
             f"SSIM {figures['ssim']:.4f}"
@@ -195,10 +197,10 @@ def print_figures(figures: dict[str, Any]) -> None:
             for ring in figures["rings"]
             if ring["psnr"] is not None
         ]
-        print(f"PSNR by field angle: {', '.join(rings)} dB")
+        yield f"PSNR by field angle: {', '.join(rings)} dB"
     text = f"{figures['num_gaussians']:,} Gaussians"
     if figures.get("train_seconds") is not None:
         text += f", {figures['steps']} steps in {figures['train_seconds']:.1f} s"
     if figures.get("render_ms") is not None:
         text += f", {figures['render_ms']:.1f} ms a view"
-    print(text)
+    yield text

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import os
 from collections.abc import Callable, Mapping, Sequence
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,7 +18,6 @@ from gsut.data.errors import DatasetError, raise_error
 from gsut.data.export import (
     Export,
     find_frame_times,
-    link_file,
     move_file,
     strip_images_folder,
 )
@@ -30,11 +28,10 @@ from gsut.data.memory import check_counts, check_image, check_points
 from gsut.data.poses import check_rigid, format_seconds, format_tum, invert_pose
 from gsut.data.recordings import Recording, pair_recording
 from gsut.data.rigs import BODY, OWN
-from gsut.data.scene import Scene
+from gsut.data.scene import Scene, split_views
 from gsut.files import copy_file, staging_folder, whole_folder, write_file, write_picture
 from gsut.lens import Camera, save_camera
 from gsut.lens.files import OWN_SUFFIX
-from gsut.run import Progress
 
 _DEFAULT = "nerfstudio"
 _PLACES = {"lens", "poses"}  # what replaces those of a dataset
@@ -54,7 +51,6 @@ def convert_dataset(
     *,
     parts: Mapping[str, Any] | None = None,
     poses_topic: str | None = None,
-    link: bool = False,
     scene: Scene | None = None,
     progress: bool = False,
 ) -> list[str]:
@@ -67,12 +63,11 @@ def convert_dataset(
         out: a new folder; or, for a trajectory as TUM writes it (camera-to-world, by time where it
             is known, else by name), a file that ends as .txt.
         to: the layout, "nerfstudio" or "colmap".
-        parts: what dataset.yaml would say, by its keys: lens, poses, points, cameras, time_range
-            and so on; relative paths begin at the working directory.
+        parts: what dataset.yaml would say, by its keys: lens, poses, points, cameras and so
+            on; relative paths begin at the working directory.
         poses_topic: of a bag's poses, where several are there.
-        link: make symbolic links to the pictures in place of copies.
         scene: take poses and lenses from here, by the names of its views.
-        progress: show bars.
+        progress: show a bar while a bag is read.
 
     Returns:
         What the layout cannot hold, and what was left out on reading, one sentence each.
@@ -87,12 +82,13 @@ def convert_dataset(
     given = {key: value for key, value in (parts or {}).items() if value is not None}
     layout = find_layout(source) if source.exists() else None
     if layout is None or layout.unpack is None:
-        place = link_file if link else copy_file
-        cameras = ()
-        if layout is not None and layout.read is not None and not given.keys() >= _PLACES:
-            cameras = given.pop("cameras", ())
-            _require_no_parts(source, given)
-        return _write(_read(source, given), out, to, place, scene, progress, cameras)
+        if given and layout is not None and layout.read is not None and not given.keys() >= _PLACES:
+            raise DatasetError(
+                source, f"'{next(iter(given))}' is given, but its files say which lens and pose "
+                "each picture has",
+                "leave it out; or give both lens and poses, which replace them",
+            )  # fmt: skip
+        return _write(_read(source, given), out, to, copy_file, scene)
     with staging_folder(out) as staging:
         recording = layout.unpack(
             source, staging, poses_topic="" if given.get("poses") else poses_topic,
@@ -104,7 +100,7 @@ def convert_dataset(
         recording = replace_parts(recording, _from_here(given), Path.cwd(), source)
         if recording.poses is None:
             return _write_pictures(recording, out)
-        return _write(pair_recording(recording, raise_error), out, to, move_file, None, progress)
+        return _write(pair_recording(recording, raise_error), out, to, move_file, None)
 
 
 def _write_pictures(recording: Recording, out: Path) -> list[str]:
@@ -129,8 +125,6 @@ def _write(
     to: str,
     place: Callable[[Path, Path], None],
     scene: Scene | None,
-    progress: bool,
-    cameras: Sequence[str] = (),
 ) -> list[str]:
     if scene is not None:
         _take_poses(listing, scene)
@@ -138,8 +132,6 @@ def _write(
     lenses = {view.name: checked.file_cameras[view.camera_index] for view in checked.views}
     found = {frame.name: frame for frame in reversed(listing.frames) if frame.name in lenses}
     frames = [dataclasses.replace(found[name], camera=lenses[name]) for name in sorted(found)]
-    if cameras:
-        frames = _choose_cameras(frames, cameras, listing.path)
     notes = list(checked.notes)
     if out.suffix.lower() == ".txt":
         return notes + _write_trajectory(out, frames)
@@ -147,54 +139,9 @@ def _write(
     held_out = {checked.views[i].name for i in checked.test_indices}
     test = [frame.name for frame in frames if frame.name in held_out] if has_lists else None
     export = Export(
-        frames, listing.points, listing.point_colors, test,
-        _with_bar(place, len(frames), progress), listing.up,
+        frames, listing.points, listing.point_colors, test, place, listing.up,
     )  # fmt: skip
     return notes + write_layout(out, export, to)
-
-
-def _require_no_parts(source: Path, given: Mapping[str, Any]) -> None:
-    """Requires that nothing is given for a dataset that has it.
-
-    Raises:
-        DatasetError: names the first that is.
-    """
-    for key in given:
-        raise DatasetError(
-            source, f"'{key}' is given, but its files say which lens and pose each picture has",
-            "leave it out; or give both lens and poses, which replace them",
-        )  # fmt: skip
-
-
-def _choose_cameras(frames: list[Frame], cameras: Sequence[str], where: Path) -> list[Frame]:
-    """Chooses the frames whose images lie in folders of these names, below a folder "images".
-
-    Raises:
-        DatasetError: there is no such folder.
-    """
-    folders = {f.name: PurePosixPath(strip_images_folder(f)).parent.as_posix() for f in frames}
-    known = sorted(set(folders.values()) - {"."})
-    unknown = [name for name in cameras if name not in known]
-    if unknown:
-        raise DatasetError(
-            where, f"there is no camera {unknown[0]}: cameras are called as the folders of their "
-            f"images, {', '.join(known) or 'and all lie in one'}",
-            "name one of them" if known else "leave out --cameras",
-        )  # fmt: skip
-    return [frame for frame in frames if folders[frame.name] in cameras]
-
-
-def _with_bar(
-    place: Callable[[Path, Path], None], total: int, progress: bool
-) -> Callable[[Path, Path], None]:
-    """Returns `place` with a progress bar that counts pictures."""
-    bars, done = Progress(progress), itertools.count(1)
-
-    def place_and_show(source: Path, target: Path) -> None:
-        place(source, target)
-        bars.show("pictures", min(next(done), total), total)
-
-    return place_and_show
 
 
 def _read(source: Path, parts: Mapping[str, Any]) -> Listing:
@@ -223,25 +170,6 @@ def _take_poses(listing: Listing, scene: Scene) -> None:
         if view is not None:
             frame.world_from_camera = invert_pose(scene.to_dataset(view.camera_from_world))
             frame.camera = scene.file_cameras[view.camera_index]
-
-
-def _find_held_out(frames: Sequence[Frame], wanted: Sequence[str] | None) -> list[str] | None:
-    """Finds the frames named in a list of names, file names or stems.
-
-    Raises:
-        InputError: one of them is no frame.
-    """
-    if wanted is None:
-        return None
-    aliases = {
-        alias: frame.name
-        for frame in frames
-        for alias in (Path(frame.name).stem, Path(frame.name).name, frame.name)
-    }
-    absent = [name for name in wanted if name not in aliases]
-    if absent:
-        raise InputError(f"{absent[0]} is held out, but there is no such image")
-    return sorted({aliases[name] for name in wanted})
 
 
 def _write_trajectory(out: Path, frames: Sequence[Frame]) -> list[str]:
@@ -331,10 +259,14 @@ def save_dataset(
                     mask_path=mask, time_ns=None if times_ns is None else int(times_ns[i]),
                 )
             )  # fmt: skip
+        held_out = None
+        if test_names is not None:
+            _, rows, _ = split_views([frame.name for frame in frames], out, test_names=test_names)
+            held_out = [frames[row].name for row in rows]
         return write_layout(
             out,
             Export(
-                frames, xyz, rgb, _find_held_out(frames, test_names),
+                frames, xyz, rgb, held_out,
                 lambda here, there: (
                     move_file if here.is_relative_to(folder) else copy_file
                 )(here, there),

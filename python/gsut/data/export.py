@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import os
 from collections.abc import Callable, Sequence
 from pathlib import Path, PurePosixPath
 
@@ -12,7 +11,7 @@ import numpy as np
 from gsut.data.listing import Frame
 from gsut.data.points import format_points_ply
 from gsut.data.poses import NANOSECONDS
-from gsut.files import WriteError, claim_name, copy_file, write_file
+from gsut.files import claim_name, copy_file, write_file
 from gsut.system import rename_over
 
 POINTS = "points3D.ply"
@@ -56,21 +55,6 @@ class Export:
         if len(self.points):
             path.parent.mkdir(parents=True, exist_ok=True)
             write_file(path, format_points_ply(self.points, self.point_colors))
-
-
-def link_file(source: Path, target: Path) -> None:
-    """Makes a symbolic link to a file, and the folders above it.
-
-    Raises:
-        WriteError: the file system or the system knows none (Windows wants a privilege).
-    """
-    target.parent.mkdir(parents=True, exist_ok=True)
-    try:
-        os.symlink(source.resolve(), target)
-    except OSError as error:
-        raise WriteError(
-            f"cannot link {target}: {error.strerror}; copy in place of linking"
-        ) from None
 
 
 def move_file(source: Path, target: Path) -> None:

@@ -19,7 +19,7 @@ from gsut.lens.field import (
 )
 from gsut.lens.files import camera_from_info, info_from_camera, load_camera, save_camera
 from gsut.lens.fit_rays import fit_camera
-from gsut.lens.fit_spline import SplineGrid, fit_control_points
+from gsut.lens.fit_spline import fit_control_points
 from gsut.lens.focal_prior import FocalPrior
 from gsut.lens.refinable import find_refinable_params
 
@@ -28,7 +28,6 @@ __all__ = [
     "Conversion",
     "FocalPrior",
     "LensProfile",
-    "SplineGrid",
     "camera_from_info",
     "camera_models",
     "convert_camera",

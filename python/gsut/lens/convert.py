@@ -12,8 +12,7 @@ from gsut import _core
 from gsut._core import InputError
 from gsut.bounds import name_wrong_kinds
 from gsut.lens.camera import Camera
-from gsut.lens.fit import FitTarget, check_model, find_angles, fit_lens
-from gsut.lens.fit_spline import SplineGrid
+from gsut.lens.fit import CONTROL_COLUMNS, FitTarget, check_model, find_angles, fit_lens
 
 # Points along the longer side of the image at which the lenses are compared.
 _SAMPLES = 48
@@ -78,7 +77,7 @@ def convert_camera(
     max_angle: float | None = None,
     num_params: int | None = None,
     *,
-    grid: SplineGrid | None = None,
+    columns: int = CONTROL_COLUMNS,
     distance: float | None = None,
 ) -> Conversion:
     """Fits a lens of another model that sends the rays of the image to the same pixels.
@@ -93,7 +92,7 @@ def convert_camera(
         max_angle: radians; points farther from the axis are left out. None: all of the image.
         num_params: of a lens with any number of coefficients; None: the usual number, of the same
             model the camera's own.
-        grid: the control points of a splined lens; None: `SplineGrid()`.
+        columns: control points of a splined lens across the image.
         distance: of the points that both lenses are to see alike, in world units, for lenses whose
             rays do not meet. None: far away, which orthographic cannot do.
 
@@ -107,8 +106,8 @@ def convert_camera(
     if model == camera.model and num_params is None and not _core.camera_traits(model).has_table:
         num_params = len(camera.params)
     check_model(model, num_params)
-    target = _make_target(camera, model, max_angle, grid, distance)
-    params = fit_lens(target, model, num_params, grid)
+    target = _make_target(camera, model, max_angle, columns, distance)
+    params = fit_lens(target, model, num_params, columns)
     fitted = Camera(
         model,
         params,
@@ -139,7 +138,7 @@ def _make_target(
     camera: Camera,
     model: str,
     max_angle: float | None,
-    grid: SplineGrid | None,
+    columns: int,
     distance: float | None,
 ) -> FitTarget:
     """Points and pixels of a grid over the image, its edges included."""
@@ -153,11 +152,11 @@ def _make_target(
         )
     samples = _SAMPLES
     if traits.has_table:
-        samples = max(samples, _SAMPLES_A_POINT * (grid or SplineGrid()).columns)
+        samples = max(samples, _SAMPLES_A_POINT * columns)
     step = max(camera.width, camera.height) / samples
-    columns = np.linspace(0.5, camera.width - 0.5, max(2, round(camera.width / step)))
-    rows = np.linspace(0.5, camera.height - 0.5, max(2, round(camera.height / step)))
-    pixels = np.stack(np.meshgrid(columns, rows), axis=-1).reshape(-1, 2)
+    x = np.linspace(0.5, camera.width - 0.5, max(2, round(camera.width / step)))
+    y = np.linspace(0.5, camera.height - 0.5, max(2, round(camera.height / step)))
+    pixels = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
     rays, valid = camera.unproject(pixels)
     origins, _ = camera.ray_origins(pixels)
     near = distance if distance is not None else 1.0 if camera.is_central else _FAR

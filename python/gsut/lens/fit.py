@@ -12,8 +12,9 @@ from gsut import _core
 from gsut._core import InputError
 from gsut.least_squares import minimize_least_squares
 from gsut.lens.camera import Camera, camera_models
-from gsut.lens.fit_spline import SplineGrid, fit_spline
+from gsut.lens.fit_spline import fit_spline
 
+CONTROL_COLUMNS = 16  # control points across the image, of a splined lens
 _MOST_PARAMS = 64
 _COUNTED = 2**31  # by the core
 _MAX_STEPS = 300
@@ -65,7 +66,7 @@ def check_model(model: str, num_params: int | None) -> None:
 
 
 def fit_lens(
-    target: FitTarget, model: str, num_params: int | None = None, grid: SplineGrid | None = None
+    target: FitTarget, model: str, num_params: int | None = None, columns: int = CONTROL_COLUMNS
 ) -> np.ndarray:
     """Fits the parameters of a lens of `model` by least squares of the pixel distances.
 
@@ -76,7 +77,7 @@ def fit_lens(
         model: see `camera_models()`.
         num_params: of a lens with any number of coefficients; None: the number its file starts
             with.
-        grid: of a lens with a table of control points; None: `SplineGrid()`.
+        columns: control points across the image, of a lens with a table of them.
 
     Raises:
         InputError: no such model or number of parameters; points that the lens cannot see.
@@ -85,7 +86,7 @@ def fit_lens(
     traits = _core.camera_traits(model)
     focal, centre = _find_axis(target, traits.is_parallel)
     if traits.has_table:
-        return fit_spline(focal, centre, target.points, target.pixels, grid or SplineGrid())
+        return fit_spline(focal, centre, target.points, target.pixels, columns)
     fixed = tuple(traits.fit_held)
     if not target.several_distances:
         fixed += tuple(traits.fit_near)

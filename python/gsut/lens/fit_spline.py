@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 
 import numpy as np
 
 from gsut._core import InputError
 
+_ORDER = 3  # cubic
 _REACH = 1.02  # the grid over the farthest point
 # Largest radius of the stereographic plane, 168.6 degrees, as in special_inverses.cpp.
 _LARGEST = 20.0
@@ -17,41 +17,23 @@ _LARGEST = 20.0
 _SMOOTH = 1e-5
 
 
-@dataclasses.dataclass(frozen=True)
-class SplineGrid:
-    """The configuration of a splined_stereographic lens.
-
-    Attributes:
-        order: 3 (cubic) or 2 (quadratic).
-        columns: control points across the image.
-        rows: control points down the image; None: the number that the same pitch needs.
-    """
-
-    order: int = 3
-    columns: int = 16
-    rows: int | None = None
-
-
 def fit_spline(
-    focal: np.ndarray, centre: np.ndarray, points: np.ndarray, pixels: np.ndarray, grid: SplineGrid
+    focal: np.ndarray, centre: np.ndarray, points: np.ndarray, pixels: np.ndarray, columns: int
 ) -> np.ndarray:
-    """Fits the parameters of a splined_stereographic lens that sends points to pixels.
+    """Fits the parameters of a cubic splined_stereographic lens that sends points to pixels.
 
     Args:
         focal, centre: (2,) pixels: of the projection that the spline bends.
-        points: (N, 3) in the camera frame; the grid reaches a little beyond the farthest.
+        points: (N, 3) in the camera frame; the control points reach a little beyond the farthest.
         pixels: (N, 2).
-        grid: the control points.
+        columns: control points across the image; their number down it follows from the pitch.
 
     Raises:
-        InputError: a grid that is none, or too small; points that no such lens sees.
+        InputError: too few control points; points that no such lens sees.
     """
-    if grid.order not in (2, 3):
-        raise InputError(f"the order of a spline must be 2 or 3, found {grid.order}")
-    if grid.columns <= grid.order:
+    if columns <= _ORDER:
         raise InputError(
-            f"a spline of order {grid.order} needs at least {grid.order + 1} control points "
-            f"across, found {grid.columns}"
+            f"a cubic spline needs at least {_ORDER + 1} control points across, found {columns}"
         )
     plane = project_stereographic(points)
     if not np.hypot(*plane.T).max() < _LARGEST:
@@ -60,18 +42,12 @@ def fit_spline(
             "rays beyond; leave them out (--max-angle)"
         )
     reach = _REACH * np.abs(plane).max(axis=0)
-    density = (grid.columns - grid.order) / (2.0 * reach[0])
-    needed = max(grid.order + 1, math.ceil(grid.order + 2.0 * reach[1] * density))
-    rows = needed if grid.rows is None else grid.rows
-    if rows < needed:
-        raise InputError(
-            f"{grid.columns} control points across need at least {needed} down for this image, "
-            f"found {rows}"
-        )
+    density = (columns - _ORDER) / (2.0 * reach[0])
+    rows = max(_ORDER + 1, math.ceil(_ORDER + 2.0 * reach[1] * density))
     offsets = (pixels - centre) / focal - plane
-    control, _ = fit_control_points(plane, offsets, density, (grid.columns, rows), grid.order)
+    control, _ = fit_control_points(plane, offsets, density, (columns, rows))
     fov = math.degrees(4.0 * math.atan(0.5 * reach[0]))
-    return np.array([grid.order, grid.columns, rows, fov, *focal, *centre, *control.ravel()])
+    return np.array([_ORDER, columns, rows, fov, *focal, *centre, *control.ravel()])
 
 
 def project_stereographic(points: np.ndarray) -> np.ndarray:
@@ -82,24 +58,23 @@ def project_stereographic(points: np.ndarray) -> np.ndarray:
 
 
 def fit_control_points(
-    plane: np.ndarray, offsets: np.ndarray, density: float, grid: tuple[int, int], order: int
+    plane: np.ndarray, offsets: np.ndarray, density: float, grid: tuple[int, int]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Fits a B-spline to offsets at places of a plane by least squares.
+    """Fits a cubic B-spline to offsets at places of a plane by least squares.
 
     Args:
         plane: (N, 2) places; (0, 0) is the middle of the grid.
         offsets: (N, 2) values there.
         density: control points per unit of the plane.
         grid: control points across and down.
-        order: 2 or 3.
 
     Returns:
         (columns * rows, 2) control points, row by row, and the spline (N, 2) at the places.
     """
     columns, rows = grid
     weights = (
-        _evaluate_basis(plane[:, 0] * density, columns, order)[:, None, :]
-        * _evaluate_basis(plane[:, 1] * density, rows, order)[:, :, None]
+        _evaluate_basis(plane[:, 0] * density, columns)[:, None, :]
+        * _evaluate_basis(plane[:, 1] * density, rows)[:, :, None]
     ).reshape(len(plane), -1)
     bends = _SMOOTH * math.sqrt(len(weights)) * _differentiate_twice(columns, rows)
     normal = weights.T @ weights + bends.T @ bends
@@ -107,17 +82,13 @@ def fit_control_points(
     return control, weights @ control
 
 
-def _evaluate_basis(place: np.ndarray, count: int, order: int) -> np.ndarray:
+def _evaluate_basis(place: np.ndarray, count: int) -> np.ndarray:
     """Returns the weights (N, count) of a B-spline's control points; place 0 is their middle."""
     at = place + 0.5 * (count - 1)
-    middle = np.floor(at) if order == 3 else np.floor(at + 0.5)
-    middle = np.clip(middle, 1, count - (3 if order == 3 else 2)).astype(int)
+    middle = np.clip(np.floor(at), 1, count - 3).astype(int)
     t = at - middle
-    if order == 3:
-        taps = [(1 - t) ** 3 / 6, 2 / 3 - t**2 * (1 - t / 2),
-                2 / 3 - (1 - t) ** 2 * (1 + t) / 2, t**3 / 6]  # fmt: skip
-    else:
-        taps = [(0.5 - t) ** 2 / 2, 0.75 - t**2, (0.5 + t) ** 2 / 2]
+    taps = [(1 - t) ** 3 / 6, 2 / 3 - t**2 * (1 - t / 2),
+            2 / 3 - (1 - t) ** 2 * (1 + t) / 2, t**3 / 6]  # fmt: skip
     weights = np.zeros((len(place), count))
     for k, tap in enumerate(taps):
         weights[np.arange(len(place)), middle - 1 + k] = tap

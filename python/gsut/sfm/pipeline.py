@@ -104,7 +104,7 @@ def find_poses(
 
     Args:
         images: folder of photographs, or a dataset (its poses are ignored).
-        out: output folder: transforms.json, points3D.ply, sparse/0 (COLMAP text), poses.json and
+        out: output folder: transforms.json, points3D.ply, sparse/0 (COLMAP), poses.json and
             report.html. Images stay where they are. Images that do not connect with these are
             models of their own in model_2, model_3 ...
         camera: lens file, or a dataset whose lens is used; None: the lens file beside the images,
@@ -147,8 +147,9 @@ def run_mapping(
     """
     with claim_folder(out, "poses", images) as claimed:
         stages = Stages(claimed.path, _make_key(mapping, claimed.path))
-        masked = mask_fixed_pixels(mapping.photographs, claimed.path, mapping.log.note)
-        mapping = mapping.replace(photographs=masked)
+        if not mapping.options.keep_all_pixels:
+            masked = mask_fixed_pixels(mapping.photographs, claimed.path, mapping.log.note)
+            mapping = mapping.replace(photographs=masked)
         with _set_threads(mapping.options.threads):
             mapping = find(_find_matches(mapping, stages))
             mapping.log.watch.record_lap("mapping")

@@ -12,7 +12,7 @@ import small_recordings as made
 import tolerances
 from gsut.cli import main
 from gsut.data import list_writable_layouts
-from gsut.data.export import Export, link_file
+from gsut.data.export import Export
 from gsut.files import UNFINISHED
 from raising import raises_saying
 
@@ -63,10 +63,9 @@ def test_images_whose_names_meet_below_images_all_keep_their_pixels(place, to, t
 @pytest.mark.parametrize("to", LAYOUTS)
 def test_a_rig_is_the_same_in_every_layout(to, tmp_path):
     scene = gsut.load_dataset(made.write_euroc(tmp_path / "in"), test_every=0)
-    gsut.convert_dataset(tmp_path / "in", tmp_path / "out", to, link=True)
+    gsut.convert_dataset(tmp_path / "in", tmp_path / "out", to)
     found = gsut.load_dataset(tmp_path / "out", test_every=0)
     assert_same(found, scene)
-    assert all(view.image_path.is_symlink() for view in found.views)
 
 
 def test_an_output_folder_that_holds_something_is_left_alone(tmp_path):
@@ -102,34 +101,6 @@ def check_nerfstudio_split(values: dict) -> None:
     known = {frame["file_path"] for frame in values["frames"]}
     lists = [values.get(f"{split}_filenames") for split in ("train", "val", "test")]
     assert all(lists) and known.issuperset(name for names in lists for name in names)
-
-
-def write_two_cameras(path, offset=0):
-    """A nerfstudio dataset of two cameras with a lens each; the second's times are shifted."""
-    gsut.convert_dataset(made.write_euroc(path.with_name("recording")), path)
-    values = json.loads((path / "transforms.json").read_text())
-    for folder in ("cam0", "cam1"):
-        (path / "images/mav0" / folder / "data").rename(path / "images" / folder)
-    for frame in values["frames"]:
-        frame["file_path"] = frame["file_path"].replace("mav0/", "").replace("data/", "")
-        is_second = "cam1" in frame["file_path"]
-        frame["fl_x"] = values["fl_x"] + is_second
-        frame["timestamp_ns"] += is_second * offset
-    (path / "transforms.json").write_text(json.dumps(values))
-
-
-def test_cameras_of_a_dataset_with_poses_are_chosen_by_their_folders(tmp_path, capsys):
-    write_two_cameras(tmp_path / "in", offset=1000)
-    words = ["data", "convert", str(tmp_path / "in"), str(tmp_path / "out")]
-    assert main([*words, "--cameras", "left"]) == 2
-    assert "no camera left: cameras are called as the folders of their images, cam0, cam1" in (
-        capsys.readouterr().err
-    )
-    assert main([*words, "--cameras", "cam1"]) == 0
-    scene = gsut.load_dataset(tmp_path / "out")
-    assert len(scene) == small.VIEWS
-    for view, time in zip(scene.views, made.times(), strict=True):
-        made.assert_pose(view, 1, time)
 
 
 def test_what_a_dataset_has_is_not_given_again(tmp_path):
@@ -275,11 +246,3 @@ def test_make_scene_is_the_scene_of_the_files(tmp_path):
     for i in range(small.VIEWS):
         np.testing.assert_array_equal(half.image(i), small_files.image(i))
         np.testing.assert_array_equal(scene.mask(i), files.mask(i))
-
-
-def test_links_are_made_only_where_asked(tmp_path):
-    small.write_nerfstudio(tmp_path / "in")
-    gsut.convert_dataset(tmp_path / "in", tmp_path / "out")
-    assert not any(path.is_symlink() for path in (tmp_path / "out").rglob("*"))
-    link_file(tmp_path / "in/transforms.json", tmp_path / "a/b.json")
-    assert (tmp_path / "a/b.json").is_symlink()

@@ -8,7 +8,6 @@ from gsut import InputError
 from gsut.cli import main
 from gsut.lens import Camera, camera_models, load_camera, save_camera
 from gsut.lens.convert import convert_camera
-from gsut.lens.fit_spline import SplineGrid
 from lens_cases import examples, traits
 
 
@@ -109,20 +108,15 @@ def test_convert_fits_every_model_to_a_fisheye_and_prints_its_error_by_field_ang
 def test_convert_to_splines_gains_with_every_control_point_and_keeps_the_whole_image():
     camera = example("kannala_brandt")
     worst = {}
-    for order in (2, 3):
-        for columns in (8, 16):
-            conversion = convert_camera(
-                camera, "splined_stereographic", grid=SplineGrid(order, columns)
-            )
-            assert list(conversion.camera.params[:2]) == [order, columns]
-            worst[order, columns] = conversion.worst
+    for columns in (8, 16):
+        conversion = convert_camera(camera, "splined_stereographic", columns=columns)
+        assert list(conversion.camera.params[:2]) == [3, columns]
+        worst[columns] = conversion.worst
     print(worst)
-    assert worst[2, 16] < worst[2, 8] / 8 and worst[3, 16] < worst[3, 8] / 16
-    assert worst[3, 16] < tol.CONVERT_SPLINE
-    with pytest.raises(InputError, match="need at least 17 down for this image, found 9"):
-        convert_camera(camera, "splined_stereographic", grid=SplineGrid(3, 16, 9))
-    with pytest.raises(InputError, match="order of a spline must be 2 or 3, found 4"):
-        convert_camera(camera, "splined_stereographic", grid=SplineGrid(4))
+    assert worst[16] < worst[8] / 16
+    assert worst[16] < tol.CONVERT_SPLINE
+    with pytest.raises(InputError, match="at least 4 control points across, found 3"):
+        convert_camera(camera, "splined_stereographic", columns=3)
     with pytest.raises(InputError, match="at most 168 degrees from the axis"):
         convert_camera(example("equirectangular"), "splined_stereographic")
 

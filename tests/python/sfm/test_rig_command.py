@@ -10,7 +10,7 @@ import gsut
 import tolerances
 from box_room import make_rig_of_two, place_right, plan_walk, write_box_rig
 from gsut.cli import main
-from gsut.data.colmap import read_frames, read_rigs
+from gsut.data.colmap import read_frames, read_images_bin, read_rigs
 from gsut.sfm import compare_datasets, compare_poses
 
 FRAMES, SIZE = 6, 200
@@ -53,19 +53,16 @@ def test_poses_with_a_rig_finds_all_images_in_metres(demo, poses):
 def test_poses_with_a_rig_writes_both_lenses_in_all_forms(demo, poses):
     frames = json.loads((poses / "transforms.json").read_text())["frames"]
     assert len({frame["fl_x"] for frame in frames}) == 2
-    lines = (poses / "sparse" / "0" / "cameras.txt").read_text().splitlines()
-    assert [line.split()[0] for line in lines if not line.startswith("#")] == ["1", "2"]
     model = poses / "sparse" / "0"
-    (rig,), taken = read_rigs(model / "rigs.txt"), read_frames(model / "frames.txt")
+    (rig,), taken = read_rigs(model / "rigs.bin"), read_frames(model / "frames.bin")
     assert list(rig.cameras) == [1, 2]
     assert [frame.images for frame in taken] == [
         [(1, 2 * i + 1), (2, 2 * i + 2)] for i in range(FRAMES)
     ]
-    images = [
-        line.split() for line in (poses / "sparse" / "0" / "images.txt").read_text().splitlines()
-        if line.endswith(".png")
-    ]  # fmt: skip
-    assert {(row[8], row[9].split("/")[0]) for row in images} == {("1", "left"), ("2", "right")}
+    images = read_images_bin(model / "images.bin")
+    assert {(row.camera_id, row.name.split("/")[0]) for row in images} == {
+        (1, "left"), (2, "right")
+    }  # fmt: skip
     again = json.loads((poses / "rig.json").read_text())["cameras"]["right"]
     assert np.abs(np.array(again["camera_from_reference"]) - place_right()).max() < 1e-12
     assert (poses / again["file"]).resolve() == (demo / "rig_hall" / "right.yaml").resolve()

@@ -1,11 +1,7 @@
-"""COLMAP models: their files, binary and text, read and written."""
+"""COLMAP models: their files, binary and text, read; binary ones written."""
 
 from gsut.data.colmap.binary import read_images_bin, read_points_bin
-from gsut.data.colmap.model import (
-    ColmapModel,
-    format_model_binaries,
-    format_model_texts,
-)
+from gsut.data.colmap.model import ColmapModel, pack_model
 from gsut.data.colmap.records import ColmapImage, RigPlace
 from gsut.data.colmap.rigid import hold_rigs
 from gsut.data.colmap.rigs import Pose, read_frames, read_rigs
@@ -16,9 +12,8 @@ __all__ = [
     "ColmapModel",
     "Pose",
     "RigPlace",
-    "format_model_binaries",
-    "format_model_texts",
     "hold_rigs",
+    "pack_model",
     "read_frames",
     "read_images_bin",
     "read_images_txt",

@@ -18,8 +18,8 @@ from gsut.data.colmap import (
     ColmapModel,
     Pose,
     RigPlace,
-    format_model_binaries,
     hold_rigs,
+    pack_model,
     read_frames,
     read_images_bin,
     read_images_txt,
@@ -254,7 +254,7 @@ def write_colmap(folder: Path, export: Export) -> list[str]:
             for n, each in frames
         ]
     )
-    files = format_model_binaries(ColmapModel(images, export.points, export.point_colors))
+    files = pack_model(ColmapModel(images, export.points, export.point_colors))
     place_images(export, folder)
     (folder / MODEL).mkdir(parents=True)
     for name, content in files.items():

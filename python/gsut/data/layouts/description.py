@@ -7,7 +7,6 @@ points: cloud.ply             may be absent, as all that follows
 masks: masks                  white where pixels count, named as the pictures
 poses_of: body                or camera (each its own), or cam0
 cameras: [cam0]               those to use
-time_range: [10, 60]          seconds since the first picture, or since 1970
 time_offset: 0.013            seconds: time of the poses' clock minus that of the pictures'
 time_tolerance: 0.02          seconds between a picture and its nearest pose
 image_times: ns               unit of the pictures' times: s, ms, us, ns; pose_times: of the poses'
@@ -32,8 +31,7 @@ from gsut.files import read_text, read_yaml
 
 _PATHS = ("images", "lens", "poses", "points", "masks")
 KEYS = (
-    *_PATHS, "poses_of", "cameras", "time_range", "time_offset", "time_tolerance", "image_times",
-    "pose_times",
+    *_PATHS, "poses_of", "cameras", "time_offset", "time_tolerance", "image_times", "pose_times",
 )  # fmt: skip
 
 
@@ -137,13 +135,9 @@ def _read_numbers(values: Mapping[str, Any], file: Path) -> dict[str, Any]:
         for key in ("time_offset", "time_tolerance"):
             if key in values:
                 found[key] = float(values[key])
-        if "time_range" in values:
-            key = "time_range"
-            first, last = map(float, values[key])
-            found[key] = (first, last)
     except (TypeError, ValueError):
-        what = "two numbers of seconds" if key == "time_range" else "a number of seconds"
-        raise _report(file, key, f"expected {what}, found {values[key]!r}", "correct it") from None
+        what = f"expected a number of seconds, found {values[key]!r}"
+        raise _report(file, key, what, "correct it") from None
     return found
 
 

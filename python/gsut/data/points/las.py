@@ -10,16 +10,15 @@ import numpy as np
 from gsut.data.errors import DatasetError
 from gsut.files import check_regular, read_bytes, register_reader
 
-# Places in the header (ASPRS, LAS 1.4 R15, table 3).
-_VERSION = 24
-_POINTS_AT = 96  # of the place of the first point
-_FORMAT = 104  # of the points, then their size in bytes and their number
-_SCALES = 131  # of a step along each axis, then of the steps' zero
-_MANY = 247  # of the number of points in 64 bits
-_MINOR_OF_MANY = 4  # version 1.4 counts points by 64 bits
+# The header's fields that are read (ASPRS, LAS 1.4 R15, table 3): bytes from its start. A point is
+# a number of steps along each axis; version 1.4 counts points by 64 bits.
+_HEADER = np.dtype({
+    "names": ["minor", "start", "kind", "size", "count", "steps", "zero"],
+    "formats": ["u1", "<u4", "u1", "<u2", "<u4", ("<f8", 3), ("<f8", 3)],
+    "offsets": [25, 96, 104, 105, 107, 131, 155],
+    "itemsize": 227,
+})  # fmt: skip
 _COLORS_AT = {2: 20, 3: 28, 5: 28, 7: 30, 8: 30, 10: 30}  # in a point of each format with colours
-_COMPRESSED = 0x80  # bit of the format
-_SHORTEST_HEADER = 227  # bytes, of version 1.2
 _DEEP = 256  # levels of 16 bits to one of 8
 _ADVICE = "copy or export the cloud again"
 
@@ -35,24 +34,21 @@ def load_points_las(path: str | os.PathLike[str]) -> tuple[np.ndarray, np.ndarra
         DatasetError: no such file, cut off, or compressed and laspy is not installed.
     """
     content = read_bytes(path)
-    if len(content) < _SHORTEST_HEADER or not content.startswith(b"LASF"):
+    if len(content) < _HEADER.itemsize or not content.startswith(b"LASF"):
         raise DatasetError(path, "is no LAS file", _ADVICE)
-    start, kind, size, count = (
-        *struct.unpack_from("<I", content, _POINTS_AT),
-        *struct.unpack_from("<BHI", content, _FORMAT),
-    )
-    if kind & _COMPRESSED:
+    header = np.frombuffer(content, _HEADER, 1)[0]
+    start, kind, size, count = (int(header[name]) for name in ("start", "kind", "size", "count"))
+    if kind & 0x80:  # compressed
         return _read_laz(path)
-    if content[_VERSION + 1] >= _MINOR_OF_MANY:
-        (count,) = struct.unpack_from("<Q", content, _MANY)
+    if header["minor"] >= 4:
+        (count,) = struct.unpack_from("<Q", content, 247)  # of 64 bits
     if start + count * size > len(content):
         raise DatasetError(
             path, f"has {len(content):,} bytes, too few for its {count:,} points", _ADVICE
         )
-    scales = np.array(struct.unpack_from("<6d", content, _SCALES)).reshape(2, 3)
     rows = np.frombuffer(content, np.uint8, count * size, start).reshape(count, size)
     places = np.ascontiguousarray(rows[:, :12]).view("<i4")
-    points = places * scales[0] + scales[1]
+    points = places * header["steps"] + header["zero"]
     at = _COLORS_AT.get(kind)
     if at is None:
         return points, None

@@ -28,8 +28,6 @@ from gsut.data.poses import (
 from gsut.data.recordings.recording import Recording, Stream
 from gsut.data.rigs import OWN, Mount, find_body_from_camera
 
-_ABSOLUTE = 1e8  # seconds: beyond it a time is one since 1970, not since the first picture
-
 
 def pair_recording(recording: Recording, on_error: OnError) -> Listing:
     """Brings pictures, lenses and poses together.
@@ -84,14 +82,6 @@ def pair_recording(recording: Recording, on_error: OnError) -> Listing:
             poses, times = _pair_by_order(stream, trajectory, recording)
         else:
             poses, times = _pair_by_name(stream, trajectory, recording, named)
-        if recording.time_range is not None:
-            inside = _find_in_range(times, recording.time_range, stream.images[0].parent)
-            stream = Stream(
-                stream.name, [p for p, keep in zip(stream.images, inside, strict=True) if keep],
-                mask=stream.mask,
-            )  # fmt: skip
-            poses = [pose for pose, keep in zip(poses, inside, strict=True) if keep]
-            times = [time for time, keep in zip(times, inside, strict=True) if keep]
         _add_frames(listing, stream, mounts[stream.name], place, poses, times, recording)
     if labels is not None:
         rows = [label for i, label in enumerate(labels) if i not in named]
@@ -298,18 +288,6 @@ class _Clock:
             return high, high, 0.0
         step = int(self.poses[high]) - int(self.poses[high - 1])
         return high - 1, high, (int(self.images[k]) - int(self.poses[high - 1])) / step
-
-
-def _find_in_range(
-    times: Sequence[int | None], limits: tuple[float, float], where: object
-) -> list[bool]:
-    """Returns which pictures were taken between two times, see `Recording.time_range`."""
-    known = [time for time in times if time is not None]
-    if not known:
-        raise DatasetError(where, "time_range is given, but the pictures have no times", "drop it")
-    zero = 0 if max(limits) >= _ABSOLUTE else min(known)
-    first, last = (round(limit * NANOSECONDS) + zero for limit in limits)
-    return [time is not None and first <= time <= last for time in times]
 
 
 def _explain_no_pose(

@@ -46,7 +46,6 @@ class Recording:
         names_from: pictures are named by their paths from here.
         points, masks: a PLY, a folder; or None.
         cameras: names of those to use; empty: all.
-        time_range: first and last time to use: seconds since the first picture, or since 1970.
         time_offset: seconds to add to the times of pictures for the clock of the poses.
         time_tolerance: seconds between a picture and its nearest pose, at most.
         image_times, pose_times: their units, see `UNITS`; None: by their number of digits.
@@ -63,7 +62,6 @@ class Recording:
     points: Path | None = None
     masks: Path | None = None
     cameras: tuple[str, ...] = ()
-    time_range: tuple[float, float] | None = None
     time_offset: float = 0.0
     time_tolerance: float = TIME_TOLERANCE
     image_times: str | None = None

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
-from gsut._core import CalibrationError, InputError, Shutter
+from gsut._core import InputError, Shutter
 from gsut.data.errors import DatasetError
 from gsut.data.poses import check_rigid, find_centers, invert_pose
 from gsut.files import read_json, read_yaml, register_reader, write_file
-from gsut.lens import Camera, load_camera, spread_pixels
+from gsut.lens import Camera, load_camera
 from gsut.lens.files import is_camchain
 
 _GIVE_RIG = "give the report.json that `gsut calibrate --rig` wrote, or a camchain YAML of Kalibr"
@@ -25,9 +25,6 @@ _SHUTTER = "shutter"
 _READOUT = "readout_seconds"
 _GLOBAL = "global"
 _FEWEST_CAMERAS = 2
-_EXACT_SUFFIXES = (".yaml", ".yml", ".json")  # of the exact lens beside a .cameramodel
-_STAND_IN = "splined_stereographic"  # the model that stands in for it there
-_STAND_IN_PX = 0.01  # pixels between the two; those of `gsut calibrate` differ by 0.0002
 _NO_BASELINE = 1e-9  # of the distance to the reference, in units in the last place of a file
 
 
@@ -93,10 +90,9 @@ def read_rig(path: str | os.PathLike[str]) -> Rig:
     Either JSON as `gsut calibrate --rig` writes it (report.json): {"cameras": {NAME: {"file": lens
     file, relative to this one, or null to have the lens estimated, "camera_from_reference": six
     numbers (Rodrigues rotation, translation) or a 4x4 matrix}}}; or a camchain YAML of Kalibr
-    (T_cn_cnm1), whose cameras are cam0, cam1 ... Instead of a splined .cameramodel the exact lens
-    that `gsut calibrate` wrote beside it, of the same name, is taken if it is the same within
-    0.01 px. A camera of a JSON file may have a rolling shutter: "shutter", the order of its lines
-    (see `Shutter`), and "readout_seconds" from the first to the last.
+    (T_cn_cnm1), whose cameras are cam0, cam1 ... A camera of a JSON file may have a rolling
+    shutter: "shutter", the order of its lines (see `Shutter`), and "readout_seconds" from the
+    first to the last.
 
     Args:
         path: the file.
@@ -177,8 +173,10 @@ def _read_json_rig(file: Path) -> Rig:
             files.append(None)
             continue
         camera_id = entry.get("camera_id")
-        lens, camera = _load_lens(file.parent / entry[_LENS], camera_id, where)
-        lenses.append(camera)
+        lens = file.parent / entry[_LENS]
+        if not lens.is_file():
+            raise InputError(f"{where}: there is no lens file {lens}; put it there")
+        lenses.append(load_camera(lens, camera_id))
         files.append((lens, camera_id))
     readings = tuple(
         _parse_reading(entry, f"{file}, camera {name}") for name, entry in cameras.items()
@@ -291,35 +289,6 @@ def _parse_pose(values: Any, where: str) -> np.ndarray:
         "its pose is neither six numbers (Rodrigues rotation, translation) nor a 4x4 matrix",
         "write one of them",
     )
-
-
-def _load_lens(file: Path, camera_id: str | None, where: str) -> tuple[Path, Camera]:
-    """Loads a lens; returns the file that it was read from, and the lens."""
-    if not file.is_file():
-        raise InputError(f"{where}: there is no lens file {file}; put it there")
-    camera = load_camera(file, camera_id)
-    if file.suffix.lower() != ".cameramodel" or camera.model != _STAND_IN:
-        return file, camera
-    for suffix in _EXACT_SUFFIXES:
-        exact = file.with_suffix(suffix)
-        if exact.is_file():
-            try:
-                other = load_camera(exact)
-            except (CalibrationError, InputError):
-                continue  # some other file of that name
-            if _is_same(other, camera):
-                return exact, other
-    return file, camera
-
-
-def _is_same(exact: Camera, splined: Camera) -> bool:
-    """Returns whether the splined lens agrees with the exact one, pixel by pixel."""
-    pixels = spread_pixels(exact.width, exact.height).reshape(-1, 2)
-    rays, valid = exact.unproject(pixels)
-    found, seen = splined.project(rays[valid])
-    off = np.abs(found - pixels[valid])[seen]
-    same_size = (exact.width, exact.height) == (splined.width, splined.height)
-    return same_size and off.size > 0 and bool(off.max() < _STAND_IN_PX)
 
 
 def measure_changes(given: Rig, found: np.ndarray) -> list[tuple[float, float]]:

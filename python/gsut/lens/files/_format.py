@@ -62,7 +62,6 @@ class LensFormat:
             program has no such lens; None: gsut only reads it.
         names: patterns of file names that choose it for writing; of several that match, the one
             with the longest ending wins, then the longest one.
-        models: names of lenses that it holds, at least with some parameters; blanks part them.
         has_ids: whether its cameras have names; of other files `read` gets None.
     """
 
@@ -75,7 +74,6 @@ class LensFormat:
     rank: int = 0
     write: Callable[[Camera, str], str | bytes] | None = None
     names: tuple[str, ...] = ()
-    models: str = ""
     has_ids: bool = False
 
 

@@ -186,10 +186,6 @@ def format_colmap(camera: Camera) -> str:
     )
 
 
-WRITTEN_MODELS = (
-    "division equirectangular extended_unified fisheye624 fov kannala_brandt opencv4 "
-    "opencv5 opencv8 pinhole thin_prism_fisheye unified"
-)
 FORMAT = LensFormat(
     "colmap",
     "COLMAP",
@@ -200,6 +196,5 @@ FORMAT = LensFormat(
     rank=20,
     write=lambda camera, suffix: format_colmap(camera),
     names=("*.txt",),
-    models=WRITTEN_MODELS,
     has_ids=True,
 )

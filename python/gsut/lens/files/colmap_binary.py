@@ -10,7 +10,6 @@ from gsut.lens.files._format import LensFormat
 from gsut.lens.files.colmap import (
     PARAMETER_COUNTS,
     SUPPORTED,
-    WRITTEN_MODELS,
     ColmapCamera,
     choose_camera,
     to_colmap,
@@ -73,6 +72,5 @@ FORMAT = LensFormat(
     ),
     write=lambda camera, suffix: format_colmap_binary(camera),
     names=("*.bin",),
-    models=WRITTEN_MODELS,
     has_ids=True,
 )

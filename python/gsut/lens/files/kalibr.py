@@ -132,8 +132,6 @@ FORMATS = (
         rank=20,
         write=lambda camera, suffix: format_kalibr(camera),
         names=("*camchain*.yaml", "*camchain*.yml"),
-        models="double_sphere extended_unified fov kannala_brandt mei opencv4 opencv5 pinhole "
-        "unified",
         has_ids=True,
     ),
     LensFormat(

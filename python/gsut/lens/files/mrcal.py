@@ -52,6 +52,4 @@ FORMAT = LensFormat(
     read_mrcal,
     write=lambda camera, suffix: format_mrcal(camera),
     names=("*.cameramodel",),
-    models="cahvor cahvore latlon lonlat opencv12 opencv4 opencv5 opencv8 pinhole "
-    "splined_stereographic stereographic",
 )

@@ -267,5 +267,4 @@ FORMAT = LensFormat(
     rank=80,
     write=lambda camera, suffix: format_nerfstudio(camera),
     names=("transforms*.json",),
-    models="equirectangular fisheye624 kannala_brandt opencv4 opencv5 opencv8 pinhole",
 )

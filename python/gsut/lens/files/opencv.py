@@ -183,5 +183,4 @@ FORMAT = LensFormat(
     rank=40,
     write=format_opencv,
     names=("*.yaml", "*.yml", "*.json"),
-    models="kannala_brandt mei opencv12 opencv14 opencv4 opencv5 opencv8 pinhole",
 )

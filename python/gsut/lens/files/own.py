@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from typing import Any
 
-from gsut.lens.camera import Camera, camera_models
+from gsut.lens.camera import Camera
 from gsut.lens.files._format import KEYED, LensFormat
 from gsut.lens.files._values import LensValues
 
@@ -78,5 +78,4 @@ FORMAT = LensFormat(
     rank=70,
     write=lambda camera, suffix: format_own(camera),
     names=(f"*{OWN_SUFFIX}",),
-    models=" ".join(camera_models()),
 )
