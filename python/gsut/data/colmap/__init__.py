@@ -4,20 +4,5 @@ from gsut.data.colmap.binary import read_images_bin, read_points_bin
 from gsut.data.colmap.model import ColmapModel, pack_model
 from gsut.data.colmap.records import ColmapImage, RigPlace
 from gsut.data.colmap.rigid import hold_rigs
-from gsut.data.colmap.rigs import Pose, read_frames, read_rigs
+from gsut.data.colmap.rigs import read_frames, read_rigs
 from gsut.data.colmap.text import read_images_txt, read_points_txt
-
-__all__ = [
-    "ColmapImage",
-    "ColmapModel",
-    "Pose",
-    "RigPlace",
-    "hold_rigs",
-    "pack_model",
-    "read_frames",
-    "read_images_bin",
-    "read_images_txt",
-    "read_points_bin",
-    "read_points_txt",
-    "read_rigs",
-]

@@ -16,7 +16,6 @@ from gsut._core import InputError
 from gsut.data.colmap import (
     ColmapImage,
     ColmapModel,
-    Pose,
     RigPlace,
     hold_rigs,
     pack_model,
@@ -39,8 +38,6 @@ from gsut.lens import Camera
 from gsut.lens.files import camera_from_colmap, list_binary_cameras, list_text_cameras
 
 MODEL_FOLDERS = ("sparse/0", "sparse", ".")
-# Difference of a pose in images from that of the rig above which they are two poses.
-_SAME_POSE = 1e-6
 IMAGE_FOLDERS = ("images", "images_2", "images_4", "images_8", ".")
 
 
@@ -81,7 +78,6 @@ def read_colmap(path: Path, *, on_error: OnError = raise_error) -> Listing:
     image_rows = read_images_bin(source) if suffix == ".bin" else read_images_txt(source)
     cameras, unusable = _read_cameras(model / f"cameras{suffix}", on_error)
     places = _read_rig_places(model, suffix, on_error)
-    moved: list[str] = []
     folder = _find_image_folder(path, model, [row.name for row in image_rows])
     listing, pictures = Listing(path, source), PictureLookup(folder)
     for row in image_rows:
@@ -102,14 +98,8 @@ def read_colmap(path: Path, *, on_error: OnError = raise_error) -> Listing:
             pose = pose_from_quaternion(
                 row.quat_wxyz, row.translation, f"{row.where}, image {row.name}"
             )
-            place, on_rig = places.get(row.image_id, (None, None))
-            if on_rig is not None and not np.allclose(
-                on_rig, pose, rtol=_SAME_POSE, atol=_SAME_POSE
-            ):
-                pose = on_rig
-                moved.append(name)
             mask = find_mask(folder.parent / "masks", name)
-            lens = cameras[row.camera_id]
+            lens, place = cameras[row.camera_id], places.get(row.image_id)
             listing.frames.append(
                 Frame(name, image_path, lens, invert_pose(pose), mask_path=mask, rig=place)
             )
@@ -121,11 +111,6 @@ def read_colmap(path: Path, *, on_error: OnError = raise_error) -> Listing:
     except InputError as error:
         on_error(error)
     listing.notes += pictures.describe_differing(source)
-    if moved:
-        listing.notes.append(
-            f"{model / f'frames{suffix}'}: {len(moved)} images have another pose here than in "
-            f"images{suffix}; this one is taken, as COLMAP 4 does: {list_some(moved)}"
-        )
     if folder.name != "images" and listing.frames:
         listing.notes.append(f"{folder}: images are read from here")
     other = _list_other_models(path, model)
@@ -163,18 +148,16 @@ def _read_cameras(file: Path, on_error: OnError) -> tuple[dict[int, Camera], set
     return cameras, unusable
 
 
-def _read_rig_places(
-    model: Path, suffix: str, on_error: OnError
-) -> dict[int, tuple[RigPlace, np.ndarray]]:
-    """Reads where each image was taken on a rig of several cameras, and its camera_from_world.
+def _read_rig_places(model: Path, suffix: str, on_error: OnError) -> dict[int, RigPlace]:
+    """Reads where each image was taken on a rig of several cameras.
 
     Args:
         model: folder of the model; those of COLMAP 3 have no rigs.
         suffix: of its files.
-        on_error: receives an error of the rigs, without which images keep their poses.
+        on_error: receives an error of the rigs.
     """
     files = [model / f"{stem}{suffix}" for stem in ("rigs", "frames")]
-    found: dict[int, tuple[RigPlace, np.ndarray]] = {}
+    found: dict[int, RigPlace] = {}
     if not all(file.is_file() for file in files):
         return found
     try:
@@ -188,19 +171,13 @@ def _read_rig_places(
                 )  # fmt: skip
             if len(rig.cameras) < 2:
                 continue
-            rig_from_world = _parse_pose(frame.rig_from_world, frame.where)
             for camera, image in frame.images:
-                mount = rig.cameras.get(camera)
-                if mount is not None:
-                    place = RigPlace(rig.rig_id, list(rig.cameras).index(camera), frame.frame_id)
-                    found[image] = place, _parse_pose(mount, rig.where) @ rig_from_world
+                if rig.cameras.get(camera) is not None:
+                    place = list(rig.cameras).index(camera)
+                    found[image] = RigPlace(rig.rig_id, place, frame.frame_id)
     except InputError as error:
         on_error(error)
     return found
-
-
-def _parse_pose(pose: Pose, where: str) -> np.ndarray:
-    return pose_from_quaternion(list(pose[:4]), list(pose[4:]), where)
 
 
 def _name_below(folder: Path, path: Path, name: str) -> str:
