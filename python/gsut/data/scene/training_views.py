@@ -10,13 +10,13 @@ import numpy as np
 
 from gsut import _core
 from gsut.data.scene.lru_cache import LruCache
-from gsut.data.scene.scene import Scene, keep_at_most
+from gsut.data.scene.scene import IMAGE_CACHE_BYTES, Scene, keep_at_most
 from gsut.lens import Camera
 
 # Coarse levels with a shorter side below this many pixels are left out: nothing to learn there.
 _SMALLEST_SIDE = 64
 # Targets kept decoded with their statistics; beyond it the least recently used are made again.
-_TARGET_CACHE_BYTES = 2 << 30
+_TARGET_CACHE_BYTES = 2 * IMAGE_CACHE_BYTES
 _PIXELS_PART = 8  # of the bytes to keep, for decoded pixels that are not ready for the loss
 
 
