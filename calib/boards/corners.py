@@ -17,8 +17,12 @@ FEWEST_BOARDS = 4  # a lens with 8 coefficients needs 3 tilted boards; one more 
 _LARGEST_WINDOW = 5  # half-side in pixels of cornerSubPix: 11 x 11 pixels
 _SUBPIX_STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-3)  # steps, pixels
 _BLURRED = 0.4  # edge width over corner spacing; sharp boards have 0.05 to 0.17
+_SOFT_PX = 6.0  # width of the sharpest edges of a blurred image; in focus they have 2 to 3
 _FEWEST_PX_A_SQUARE = 2  # of the image's shorter side: OpenCV's detectors fail on less
 _FEWEST_PX = 16  # the image's shorter side in all, for the same reason
+_EMPTY_GREY = 5.0  # grey levels of standard deviation below which an image shows nothing
+_DARK_PERCENT = 2.0  # of the pixels that count as dark, and as light
+_SHARPEST_PERCENT = 0.1  # of the pixels, those with the steepest slope, count as sharp
 _COARSER = (2, 4, 8)  # reductions; a board that is found only after one of them is blurred
 _PROBE = 3  # corners a side of the smallest board when searching for a board of any size
 _ENOUGH_OF_ANOTHER = 5  # first photographs without the board, after which another size is tried
@@ -116,7 +120,18 @@ def find_any_board(image: np.ndarray) -> tuple[int, int] | None:
     return (max(meta.shape[:2]), min(meta.shape[:2])) if found else None
 
 
+def measure_sharpest_edge(image: np.ndarray) -> float:
+    """Measures over how many pixels the sharpest edges of an image go from dark to light."""
+    calm = cv2.medianBlur(image, 3).astype(np.float32)  # removes single noisy pixels
+    slope = np.hypot(np.diff(calm, axis=1)[1:], np.diff(calm, axis=0)[:, 1:])
+    dark, light = np.percentile(calm, (_DARK_PERCENT, 100 - _DARK_PERCENT))
+    return float((light - dark) / max(np.percentile(slope, 100 - _SHARPEST_PERCENT), 1e-6))
+
+
 def _explain_missing_board(image: np.ndarray, photograph: Photograph, board: Board) -> str:
+    edge = measure_sharpest_edge(image)
+    if edge > _SOFT_PX and image.std() > _EMPTY_GREY:
+        return f"the image is blurred: its sharpest edges are {edge:.0f} px wide"
     size = (board.columns, board.rows)
     for factor in _COARSER:
         small = cv2.resize(image, None, fx=1 / factor, fy=1 / factor, interpolation=cv2.INTER_AREA)

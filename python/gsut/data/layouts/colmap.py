@@ -7,7 +7,6 @@ quaternions w, x, y, z; the centre of the first pixel is (0.5, 0.5).
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -20,10 +19,8 @@ from gsut.data.colmap import (
     hold_rigs,
     pack_model,
     read_frames,
-    read_images_bin,
-    read_images_txt,
-    read_points_bin,
-    read_points_txt,
+    read_images,
+    read_points,
     read_rigs,
 )
 from gsut.data.errors import DatasetError, OnError, list_some, raise_error
@@ -39,12 +36,6 @@ from gsut.lens.files import camera_from_colmap, list_binary_cameras, list_text_c
 
 MODEL_FOLDERS = ("sparse/0", "sparse", ".")
 IMAGE_FOLDERS = ("images", "images_2", "images_4", "images_8", ".")
-
-
-# Readers of points3D by its ending; .ply is what other programs leave there.
-_POINT_READERS: dict[str, Callable[[Path], tuple[np.ndarray, np.ndarray]]] = {
-    ".bin": read_points_bin, ".txt": read_points_txt, ".ply": load_points_ply,
-}  # fmt: skip
 
 
 def find_model(path: Path) -> Path | None:
@@ -75,7 +66,7 @@ def read_colmap(path: Path, *, on_error: OnError = raise_error) -> Listing:
         )
     suffix = ".bin" if (model / "images.bin").is_file() else ".txt"
     source = model / f"images{suffix}"
-    image_rows = read_images_bin(source) if suffix == ".bin" else read_images_txt(source)
+    image_rows = read_images(source)
     cameras, unusable = _read_cameras(model / f"cameras{suffix}", on_error)
     places = _read_rig_places(model, suffix, on_error)
     folder = _find_image_folder(path, model, [row.name for row in image_rows])
@@ -106,7 +97,7 @@ def read_colmap(path: Path, *, on_error: OnError = raise_error) -> Listing:
         except InputError as error:
             on_error(error)
     try:
-        listing.points, listing.point_colors = read_points(model)
+        listing.points, listing.point_colors = read_model_points(model)
         listing.points_source = _find_points_file(model)
     except InputError as error:
         on_error(error)
@@ -186,16 +177,17 @@ def _name_below(folder: Path, path: Path, name: str) -> str:
 
 
 def _find_points_file(model: Path) -> Path | None:
-    files = (model / f"points3D{suffix}" for suffix in _POINT_READERS)
+    # A PLY is what other programs leave there.
+    files = (model / f"points3D{suffix}" for suffix in (".bin", ".txt", ".ply"))
     return next((file for file in files if file.is_file()), None)
 
 
-def read_points(model: Path) -> tuple[np.ndarray, np.ndarray]:
+def read_model_points(model: Path) -> tuple[np.ndarray, np.ndarray]:
     """Reads points3D of a model: (N, 3) float64 and (N, 3) uint8; empty without a file."""
     file = _find_points_file(model)
     if file is None:
         return np.zeros((0, 3)), np.zeros((0, 3), np.uint8)
-    return _POINT_READERS[file.suffix](file)
+    return load_points_ply(file) if file.suffix == ".ply" else read_points(file)
 
 
 def _find_image_folder(path: Path, model: Path, names: list[str]) -> Path:

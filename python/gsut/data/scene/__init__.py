@@ -4,7 +4,6 @@ from gsut.data.scene.depth_form import DISTANCES, MILLIMETRE, DepthForm
 from gsut.data.scene.digests import capture_state, describe_changes, digest_scene
 from gsut.data.scene.lines import (
     find_line_times,
-    find_seen_points,
     find_visible_points,
     interpolate_poses,
     project_points,

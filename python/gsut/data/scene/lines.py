@@ -61,40 +61,26 @@ def find_line_times(camera: Any, motion: CameraMotion, pixels: np.ndarray) -> np
     return np.interp(along - 0.5, np.arange(len(lines)), lines)
 
 
-def find_seen_points(
-    scene: Any, view: int, points: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Finds the points (N, 3) that a view sees, without those well behind others.
+def find_visible_points(scene: Any, view: int, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns places (n, 2) as shares of the image size and distances (n,), farthest first.
 
     Which points a view sees is not stored with them: a point well behind another in the same part
     of the image is left out.
-
-    Returns:
-        Rows (n,) of the points, their pixels (n, 2) and distances (n,).
     """
     camera, motion = scene.camera(view), scene.views[view].motion
     in_camera, pixels, valid = project_points(camera, motion, points)
     size = np.array([camera.width, camera.height])
     with np.errstate(invalid="ignore"):
         valid = valid & np.all((pixels >= 0) & (pixels < size), axis=1)
-    column, row = np.where(valid[:, None], pixels, 0.0).astype(np.int64).T
-    rows = np.flatnonzero(valid & scene.mask(view)[row, column])
-    start = 0.0 if camera.is_central else camera.origins()[row, column][rows]
-    distances = np.linalg.norm(in_camera[rows] - start, axis=1)
-    cells = max(1, int(np.sqrt(len(rows) / _IN_CELL)))
-    cell = np.floor(pixels[rows] / size * cells).astype(np.int64) @ np.array([1, cells])
+    places = np.where(valid[:, None], pixels, 0.0)
+    column, row = places.astype(np.int64).T
+    valid &= scene.mask(view)[row, column]
+    distances = np.linalg.norm(in_camera[valid] - camera.origins()[row, column][valid], axis=1)
+    places = places[valid] / size
+    cells = max(1, int(np.sqrt(len(places) / _IN_CELL)))
+    cell = np.floor(places * cells).astype(np.int64) @ np.array([1, cells])
     nearest = np.full(cells * cells, np.inf)
     np.minimum.at(nearest, cell, distances)
-    seen = distances <= _HIDES * nearest[cell]
-    return rows[seen], pixels[rows[seen]], distances[seen]
-
-
-def find_visible_points(scene: Any, view: int, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns places (n, 2) as shares of the image size and distances (n,), farthest first.
-
-    Of the points that `find_seen_points` finds: the nearest of a pixel comes last.
-    """
-    _, pixels, distances = find_seen_points(scene, view, points)
-    order = np.argsort(-distances, kind="stable")
-    camera = scene.camera(view)
-    return pixels[order] / np.array([camera.width, camera.height]), distances[order]
+    seen = np.flatnonzero(distances <= _HIDES * nearest[cell])
+    seen = seen[np.argsort(-distances[seen], kind="stable")]  # the nearest of a pixel comes last
+    return places[seen], distances[seen]
