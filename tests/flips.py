@@ -130,3 +130,26 @@ def assert_isas_match(
         error = relative_error(slopes.pose, truth.pose)
         assert error < gradient, (isa, "pose", error)
     return count
+
+
+def assert_none_missed(
+    g: gsut.Gaussians, camera: gsut.Camera, place: Any, label: Any, **options: Any
+) -> int:
+    """Holds the tiles to the reference: what has a pixel above the cut-off there must be touched.
+
+    Nothing hides anything (transmittance_min 0). The reference's cut-off is a little higher, for
+    rounding.
+
+    Returns:
+        How many Gaussians the reference sees.
+    """
+    rule, strict = gsut.BlendRule(), gsut.BlendRule()
+    rule.transmittance_min = strict.transmittance_min = 0.0
+    strict.alpha_min = rule.alpha_min * (1 + tolerances.RENDER_MISS_MARGIN)
+    dimage = np.ones((camera.height, camera.width, 3))
+    truth = gsut.render(g, camera, place, blend=strict, dtype="float64", **options)
+    visible = gsut.render_backward(truth, dimage).gaussians.sh[:, 0, 0] > 0
+    found = gsut.render(g, camera, place, blend=rule, **options)
+    missed = np.flatnonzero(visible & ~gsut.render_backward(found, dimage).touched)
+    assert len(missed) == 0, (label, missed)
+    return int(visible.sum())

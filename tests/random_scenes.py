@@ -120,15 +120,16 @@ def gaussians_in_view(
         opacity: mean of the opacity logits (standard deviation 1.5).
     """
     rays, valid = camera.rays()
-    chosen = rays[valid][rng.integers(int(valid.sum()), size=count)]
-    chosen = chosen + 0.02 * rng.normal(size=(count, 3))
+    pixels = rng.integers(int(valid.sum()), size=count)
+    starts = 0.0 if camera.is_central else camera.origins()[valid][pixels]
+    chosen = rays[valid][pixels] + 0.02 * rng.normal(size=(count, 3))
     distance = np.exp(rng.uniform(*np.log(distances), count))
     size = distance * np.exp(rng.uniform(*np.log(sizes), count))
     rotation, translation = camera_from_world[:3, :3], camera_from_world[:3, 3]
     sh = 0.3 * rng.normal(size=(count, (sh_degree + 1) ** 2, 3))
     sh[:, 0] += 0.5
     arrays = (
-        (chosen * distance[:, None] - translation) @ rotation,
+        (starts + chosen * distance[:, None] - translation) @ rotation,
         rng.normal(size=(count, 4)) * np.exp(rng.normal(size=(count, 1))),
         np.log(size)[:, None] + aspect * rng.normal(size=(count, 3)),
         opacity + 1.5 * rng.normal(size=count),

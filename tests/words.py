@@ -1,7 +1,6 @@
 """Checks names, docstrings, comments and constants against the style guide, room by room.
 
-`python tests/words.py [PATH...]` prints each finding as path:line: kind: text;
-`python tests/words.py --counts` prints a table of kinds by room.
+`python tests/words.py [PATH...]` prints each finding as path:line: kind: text.
 """
 
 import ast
@@ -183,24 +182,8 @@ def comment_share(paths: list[Path]) -> float:
     return sum(line.startswith("//") for line in lines) / max(len(lines), 1)
 
 
-def print_counts(found: list[Finding]) -> None:
-    """Prints the findings as a table of kinds by room."""
-    counts = collections.Counter((room_of(f.path), f.kind) for f in found)
-    kinds = sorted({f.kind for f in found})
-    for room in sorted({room for room, _ in counts}):
-        print(f"{room:28}", *(f"{k}: {counts[room, k]:4}" for k in kinds), sep="  ")
-    print(f"{'all':28}", *(f"{k}: {sum(f.kind == k for f in found):4}" for k in kinds), sep="  ")
-    rooms = list_kernels()
-    kernels = [path for paths in rooms.values() for path in paths]
-    print("comment lines of .cpp and -inl.h:", f"{comment_share(kernels):.1%}")
-    print("  ".join(f"{room} {comment_share(paths):.1%}" for room, paths in sorted(rooms.items())))
-
-
 def main(arguments: list[str]) -> int:
     """Prints the findings below the paths given; returns 1 if there are any."""
-    if arguments == ["--counts"]:
-        print_counts(find_all())
-        return 0
     found = [f for f in find_all() if not arguments or f.path.startswith(tuple(arguments))]
     for finding in found:
         print(f"{finding.path}:{finding.line}: {finding.kind}: {finding.text}")

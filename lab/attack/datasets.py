@@ -109,21 +109,6 @@ def flip_bytes(path: Path) -> None:
     path.write_bytes(data)
 
 
-def edit_ply(change: Callable[[str], str], rows: str = "0 0 0 9 9 9\n1 0 0 9 9 9\n0 1 0 9 9 9\n"
-           ) -> Spoil:  # fmt: skip
-    """A text PLY of three points, changed."""
-    header = "ply\nformat ascii 1.0\nelement vertex 3\n" + "".join(
-        f"property {kind} {name}\n"
-        for kind, names in (("float", "x y z"), ("uchar", "red green blue"))
-        for name in names.split()
-    )
-
-    def spoil(folder: Path) -> None:
-        (folder / "ds/points3D.ply").write_text(change(header + "end_header\n" + rows))
-
-    return spoil
-
-
 def keep_views(count: int) -> Spoil:
     def change(values: dict[str, Any]) -> None:
         values["frames"] = values["frames"][:count]
@@ -224,25 +209,6 @@ ROWS: dict[str, tuple[Spoil, str]] = {
     "points are of no file": (set_key("ply_file_path", value="nowhere.ply"), "nowhere.ply"),
     "points are a list": (set_key("ply_file_path", value=[1]), "ply_file_path"),
     "points are a picture": (set_key("ply_file_path", value="images/001.png"), "images/001.png"),
-    "points: NaN": (edit_ply(lambda t: t.replace("1 0 0", "nan 0 0")), r"points3D\.ply.* row 1"),
-    "points: far": (edit_ply(lambda t: t.replace("1 0 0", "1e300 0 0")), r"points3D\.ply.* row 1"),
-    "points: declared 9e18": (edit_ply(lambda t: t.replace("vertex 3",
-        "vertex 9223372036854775807")),
-                              "points3D.ply"),
-    "points: declared -1": (edit_ply(lambda t: t.replace("vertex 3", "vertex -1")), "points3D.ply"),
-    "points: junk first": (edit_ply(lambda t: t.replace(
-        "element vertex", "element junk 9223372036854775807\nproperty char a\nelement vertex")),
-        "points3D.ply"),
-    "points: no x": (edit_ply(lambda t: t.replace("float x", "float q")), "points3D.ply.*x"),
-    "points: x twice": (edit_ply(lambda t: t.replace("float y", "float x")), "points3D.ply"),
-    "points: a line too few": (edit_ply(lambda t: t[: t.rindex("0 1 0")]), "points3D.ply"),
-    "points: no end of header": (edit_ply(lambda t: t.replace("end_header\n", "")), "points3D.ply"),
-    "points: words": (edit_ply(lambda t: t.replace("1 0 0", "one 0 0")), "points3D.ply"),
-    "points: a list property": (edit_ply(lambda t: t.replace(
-        "property float x", "property list uchar float x")), "points3D.ply"),
-    "points: format 9": (edit_ply(lambda t: t.replace("ascii 1.0", "ascii 9.0")), ""),
-    "points: colours of 300": (edit_ply(lambda t: t.replace("9 9 9\n1", "300 9 9\n1")), ""),
-    "points: none": (edit_ply(lambda t: t.replace("vertex 3", "vertex 0"), ""), ""),
     "the mask is black": (add_mask(np.zeros((48, 48))), "mask"),
     "the mask is of another size": (add_mask(np.full((9, 9), 255)), "mask.png"),
     "the mask is a text": (

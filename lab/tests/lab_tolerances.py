@@ -16,7 +16,6 @@ FOREIGN_SPLAT_DEGREES = 1.8  # of rotations in bytes, read as b / 127.5 - 1; wor
 REAL_VIEWER_DB = 29.0
 REAL_VIEWER_TURNED_DB = 23.0  # turned 16.1, without harmonics 22.0
 THREE_VIEWER_DB = 26.0  # three.js ends each Gaussian at two standard deviations; found 27.3
-DEMO_ROTATION = 1e-15  # a rotation times its transpose in double, a few eps; worst 3.4e-16
 DEMO_POINT_MEDIAN = 0.016  # metres; perturbed by sigma 1 cm in each axis; worst 0.0082
 DEMO_POINT_FAR = 0.08  # metres, 99 % of the points: grazing rays stretch it; worst 0.043
 DEMO_POINT_COLOR_SHARE = 0.99  # of points within a pixel of their colour; worst 1

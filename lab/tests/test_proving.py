@@ -1,6 +1,5 @@
 """Made captures: the same bits from a seed, truth that fits the pictures, rows of commands."""
 
-import dataclasses
 import json
 
 import cv2
@@ -11,7 +10,7 @@ import gsut
 import lab_tolerances as tol
 from gsut.evaluate.detail import measure_detail
 from lab.proving import score
-from lab.proving.__main__ import _list_seeds, build_parser, main
+from lab.proving.__main__ import main
 from lab.proving.capture import capture
 from lab.proving.commands import Outcome
 from lab.proving.families import FAMILIES
@@ -180,18 +179,6 @@ def test_files_that_depend_on_the_number_of_threads_are_named(tmp_path, monkeypa
 def test_run_fails_where_a_promise_is_broken(tmp_path, other, status):
     (tmp_path / "rows.jsonl").write_text(json.dumps({"seed": 7, "other_bits": other}), "utf-8")
     assert main(["--seeds", "7", "-o", str(tmp_path / "rows")]) == status
-
-
-def test_seeds_are_a_range_or_a_list():
-    parser = build_parser()
-    assert list(_list_seeds(parser.parse_args(["--seeds", "3:6"]))) == [3, 4, 5]
-    assert _list_seeds(parser.parse_args(["--seeds", "27,73"])) == [27, 73]
-
-
-def test_film_of_a_capture_has_its_frames(tmp_path):
-    made = next(made for s in SEEDS if (made := capture(s, tiny=True)).kind == "film")
-    made = dataclasses.replace(made, motion=dataclasses.replace(made.motion, frames=3))
-    assert (make_capture(made, tmp_path) / "film.mp4").stat().st_size > 0
 
 
 def test_views_from_a_pictures_own_place_show_the_picture():

@@ -1,12 +1,10 @@
-// Tests gsut/cameras: roots, duals, domains, inverses, kernels, rays.
+// Tests gsut/cameras: roots, domains, inverses, kernels, rays.
 #include <gtest/gtest.h>
 
 #include <algorithm>
 #include <cmath>
-#include <functional>
 #include <limits>
 #include <string>
-#include <thread>
 #include <vector>
 
 #include "gsut/base/aligned_vector.h"
@@ -22,8 +20,6 @@ namespace {
 
 // Relative, for roots of well-conditioned polynomials: a few units in the last place.
 constexpr double kRootTolerance = 1e-14;
-// Of a first derivative by central differences with step 1e-6: h^2 f''' / 6 and eps f / h.
-constexpr double kDifferenceTolerance = 1e-9;
 // Float: 24 bits of a pixel coordinate below 4096, times the few roundings of the polynomial and of
 // the vector arctangent (3 units in the last place). Observed 2.7e-3, the same on every instruction
 // set: fisheye624, and opencv5 with derivatives, whose quotients are products with the reciprocal.
@@ -48,30 +44,6 @@ TEST(PolynomialTest, SmallestPositiveRootWithoutRootIsInfinite) {
 TEST(PolynomialTest, RootThatTouchesZeroCounts) {
   // (x - 0.5)^2 (x + 1); the touching root is known to the square root of epsilon.
   EXPECT_NEAR(SmallestPositiveRoot(std::vector<double>{0.25, -0.75, 0, 1}), 0.5, 1e-7);
-}
-
-TEST(DualTest, EveryFunctionMatchesCentralDifferences) {
-  using D = Dual<1>;
-  const std::vector<std::function<D(D)>> functions = {
-      [](D a) { return Sqrt(a); },
-      [](D a) { return Abs(-a); },
-      [](D a) { return Sin(a) * Cos(a); },
-      [](D a) { return Tan(a) / (a + D(1.0)); },
-      [](D a) { return Asin(a) - Atan(a); },
-      [](D a) { return Atan2(a, D(0.3)) + Atan2(D(0.4), a); },
-      [](D a) { return Min(a, a * a) + Max(a, D(2.0) * a); },
-      [](D a) { return Select(a < D(1.0), a * a * a, a); },
-  };
-  constexpr double kStep = 1e-6;
-  int checked = 0;
-  for (const auto& f : functions) {
-    for (const double at : {0.2, 0.7}) {
-      const double difference = (f(D(at + kStep)).value - f(D(at - kStep)).value) / (2 * kStep);
-      EXPECT_NEAR(f(D(at, 0)).grad[0], difference, kDifferenceTolerance) << checked;
-      ++checked;
-    }
-  }
-  EXPECT_EQ(checked, 16);
 }
 
 TEST(PlaneMapTest, RegularRadiusOfQuadraticMapIsWhereItFolds) {
@@ -253,22 +225,6 @@ TEST(CameraTest, RaysHaveSameBitsOnAnyThreadCount) {
     EXPECT_EQ(same, static_cast<int>(expected.rays.size()));
   }
   SetNumThreads(0);
-}
-
-TEST(CameraTest, RaysAreBuiltOnceFromManyThreads) {
-  const Camera camera("kannala_brandt", {60, 61, 40, 30, 0.01}, 80, 60);
-  std::vector<const RayTable*> tables(8, nullptr);
-  std::vector<std::thread> threads;
-  threads.reserve(tables.size());
-  for (auto& table : tables) {
-    threads.emplace_back([&table, camera] { table = &camera.Rays(); });
-  }
-  for (std::thread& thread : threads) thread.join();
-  for (const RayTable* table : tables) EXPECT_EQ(table, &camera.Rays());
-  // And from inside a parallel loop, where a waiting thread could meet itself.
-  const Camera inner("kannala_brandt", {60, 61, 40, 30, 0.02}, 80, 60);
-  ParallelFor(16, 1, [&](std::int64_t, std::int64_t) { inner.Rays(); });
-  EXPECT_EQ(inner.Rays().valid.size(), 80u * 60u);
 }
 
 }  // namespace

@@ -55,14 +55,6 @@ std::vector<std::uint32_t> AllRows(std::int64_t size) {
   return rows;
 }
 
-std::vector<float> AllValues(const GaussianArrays& g) {
-  std::vector<float> all = g.means;
-  for (const auto* part : {&g.quats, &g.log_scales, &g.opacity_logits, &g.sh}) {
-    all.insert(all.end(), part->begin(), part->end());
-  }
-  return all;
-}
-
 TEST(Moments, ShadowAreaOfSphereDiscAndNeedleAgreesWithIntegration) {
   const double shapes[][3] = {{1, 1, 1}, {1, 1, 0}, {3, 2, 1}, {1, 0.2, 0.01}, {5, 0.1, 0.1}};
   for (const auto& s : shapes) {
@@ -133,28 +125,6 @@ TEST(Blocks, AreBalancedAndHoldEveryRowOnceOnAnyNumberOfThreads) {
     for (const int threads : kThreads) {
       SetNumThreads(threads);
       EXPECT_EQ(SplitIntoBlocks(g.means.data(), AllRows(5000), 5, axis).order, one.order);
-    }
-  }
-  SetNumThreads(0);
-}
-
-TEST(MergePairs, ReachesEveryTargetWithTheSameBitsOnAnyNumberOfThreads) {
-  GaussianArrays g = RandomScene(3000, 4, 11);
-  std::vector<float> weights(3000);
-  std::mt19937_64 engine(12);
-  for (float& w : weights) w = std::uniform_real_distribution<float>(0, 100)(engine);
-  MergeOptions options;
-  options.block_rows = 256;
-  for (const std::int64_t target : {2999, 1500, 300, 30}) {
-    SetNumThreads(1);
-    const GaussianArrays one = MergePairs(Read(g), AllRows(3000), weights.data(), target, options);
-    EXPECT_EQ(one.size, target);
-    for (const float value : AllValues(one)) ASSERT_TRUE(std::isfinite(value));
-    for (const int threads : kThreads) {
-      SetNumThreads(threads);
-      const GaussianArrays other =
-          MergePairs(Read(g), AllRows(3000), weights.data(), target, options);
-      EXPECT_EQ(AllValues(other), AllValues(one)) << threads;
     }
   }
   SetNumThreads(0);
@@ -276,22 +246,6 @@ TEST(HerdPaper, OneCentreIsTheAverageWithoutBetweenMeansTerm) {
   for (std::size_t k = 0; k < 12; ++k) {
     EXPECT_EQ(out.sh[k], g.sh[12 * static_cast<std::size_t>(source) + k]);
   }
-}
-
-TEST(HerdPaper, EigenvaluesStayAboveTheFloorAndBitsDoNotDependOnThreads) {
-  GaussianArrays g = RandomScene(3000, 1, 37);
-  HerdOptions options;
-  SetNumThreads(1);
-  const GaussianArrays one = HerdPaper(Read(g), AllRows(3000), options);
-  EXPECT_NEAR(static_cast<double>(one.size), 300, 150);  // blocks of 11 and 12 keep one each
-  for (const float s : one.log_scales) EXPECT_GE(s, static_cast<float>(std::log(1e-3)) - 1e-5f);
-  for (const int threads : kThreads) {
-    SetNumThreads(threads);
-    EXPECT_EQ(AllValues(HerdPaper(Read(g), AllRows(3000), options)), AllValues(one));
-  }
-  SetNumThreads(0);
-  options.keep = 1.5;
-  EXPECT_THROW(HerdPaper(Read(g), AllRows(3000), options), InputError);
 }
 
 }  // namespace

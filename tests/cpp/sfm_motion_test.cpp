@@ -374,26 +374,6 @@ TEST(AdjustBundle, RigHasItsBaselinesScale) {
   EXPECT_GT(covariances[7].trace(), 0.0);
 }
 
-TEST(AdjustBundle, RigFindsItsMountAgain) {
-  const Bundle truth = RigBundle(200, 50);
-  Bundle bundle = truth;
-  Eigen::Matrix<double, 6, 1> twist;
-  twist << 0.01, -0.02, 0.01, 0.02, -0.01, 0.01;
-  bundle.camera_from_body[0] = ExpPose(twist) * bundle.camera_from_body[0];
-  Disturb(&bundle, 51);
-  BundleOptions options;
-  options.image_fixed = {1, 0, 1, 0, 0, 0, 0, 0};
-  bundle.camera_from_world[0] = truth.camera_from_world[0];
-  bundle.camera_from_world[2] = truth.camera_from_world[2];
-  options.mount_free = {1};
-  options.through_lens = true;
-  options.loss_scale = 0.0;
-  options.function_tolerance = 1e-16;
-  AdjustBundle(&bundle, options);
-  EXPECT_LT((bundle.camera_from_body[0].Matrix() - truth.camera_from_body[0].Matrix()).norm(),
-            kExact);
-}
-
 TEST(AdjustBundle, RefusesMotionsAndRigsThatDoNotFit) {
   Bundle bundle = RigBundle(200, 52);
   bundle.mount_of_image[1] = 1;

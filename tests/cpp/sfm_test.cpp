@@ -334,30 +334,6 @@ TEST(AdjustBundle, SolvesManyImagesAsABandIfOnlyNeighboursShareTheirPoints) {
   }
 }
 
-TEST(AdjustBundle, FindsTheLensAgain) {
-  const Bundle truth = MakeBundle(WideLens(), 8, 300, 12);
-  Bundle bundle = truth;
-  Disturb(&bundle, 13);
-  std::vector<double> params = WideLens().params();
-  params[0] *= 1.03;
-  params[1] *= 1.03;
-  params[2] += 3.0;
-  params[4] += 0.01;
-  bundle.cameras[0] = Camera("kannala_brandt", params, 1000, 1010);
-  BundleOptions options;
-  options.gauge_image = 0;
-  options.scale_image = 7;
-  options.through_lens = true;
-  options.lens_free = {{1, 1, 1, 1, 1, 1, 1, 1}};
-  options.function_tolerance = 1e-14;
-  options.max_iterations = 100;
-  const BundleSummary summary = AdjustBundle(&bundle, options);
-  EXPECT_LT(summary.rms_after, kExact);
-  for (int k = 0; k < 8; ++k) {
-    EXPECT_NEAR(bundle.cameras[0].params()[k], WideLens().params()[k], 3e-6);  // worst 1.5e-6
-  }
-}
-
 TEST(AdjustBundle, ScaleImageKeepsItsHeldComponent) {
   const Bundle truth = MakeBundle(WideLens(), 5, 150, 14);
   Bundle bundle = truth;

@@ -265,6 +265,8 @@ def test_hard_case_in_every_precision_and_instruction_set_both_ways_meets_its_bo
         valid = scene.camera.rays()[1]
         for outcome in outcomes:
             assert np.all(outcome.result.alpha[~valid] == 0)
+            if case == 4 and ran == 0:  # all that would be seen is mirrored at the camera
+                assert not outcome.result.alpha.any() and not outcome.gradients.pose.any()
             backward += 1
         worst_image, worst_gradient = max(worst_image, image), max(worst_gradient, gradient)
         ran += 1
@@ -279,18 +281,3 @@ def test_hard_case_in_every_precision_and_instruction_set_both_ways_meets_its_bo
 
 def test_hard_cases_are_the_twenty_and_each_has_a_bound():
     assert list(CASES) == list(range(1, 21)) == list(tolerances.HARD_CASES)
-
-
-@pytest.mark.parametrize("name", FIELDS)
-def test_value_that_is_no_number_is_refused_by_the_double_reference(rng, name):
-    # Case 11: the float paths drop it (test_hard_values.py); the reference says where it is.
-    g = joined(blob(), blob((0.2, 0.1, 3.0))).to_dtype(np.float64)
-    for value in (np.nan, np.inf, -np.inf):
-        spoiled = g.copy()
-        getattr(spoiled, name)[1].flat[0] = value
-        try:
-            image = gsut.render(spoiled, pinhole(16), np.eye(4), dtype="float64").image
-        except gsut.InputError as error:
-            assert "Gaussian 1 " in str(error), error
-        else:
-            assert np.isfinite(image).all(), value

@@ -15,184 +15,28 @@ import sys
 import time
 import traceback
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
 
-import cv2
 import numpy as np
 
 import gsut
-import small_datasets
-import small_films
-import small_videos
-from formats.scene_cases import plain_scene
-from gsut import formats
-from gsut.capture.track import read_film_facts
-from gsut.capture.video import Video
-from gsut.data.images.decode import decode_image, read_header
-from gsut.data.points import find_usable_points, load_points_ply
-from gsut.surface import Mesh, load_mesh, save_mesh
+from reader_examples import EXAMPLES, Example
 
-COUNT = 300
 SECONDS = 2.0  # that a file may take
 MEMORY = 500 << 20  # bytes that it may take
 HUGE = 4_000_000_000
 Kinds = Iterator[tuple[str, bytes]]
 
 
-class Reader(NamedTuple):
-    """A reader of files.
-
-    Attributes:
-        make: writes a whole file to a folder; returns it.
-        read: reads it.
-        is_right: whether what a changed file gave can be used.
-    """
-
-    make: Callable[[Path], Path]
-    read: Callable[[Path], Any]
-    is_right: Callable[[Any], bool] = lambda found: True
-
-
-def _make_scene(suffix: str, version: int = 3) -> Callable[[Path], Path]:
-    def make(folder: Path) -> Path:
-        scene = plain_scene(np.random.default_rng(1), COUNT)
-        settings = formats.WriteSettings(spz_version=version)
-        formats.save_gaussians(folder / f"a{suffix}", scene, settings)
-        return folder / f"a{suffix}"
-
-    return make
-
-
-def _make_ply(order: str) -> Callable[[Path], Path]:
-    """Another encoding of a PLY file of Gaussians, or of a mesh."""
-
-    def make(folder: Path) -> Path:
-        names = "x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3"
-        head = ["ply", f"format {order} 1.0", f"element vertex {COUNT}"]
-        head += [f"property float {name}" for name in names.split()]
-        rows = np.random.default_rng(2).normal(size=(COUNT, 14))
-        text = "".join(" ".join(f"{value:.4f}" for value in row) + "\n" for row in rows).encode()
-        body = text if order == "ascii" else rows.astype(">f4").tobytes()
-        path = folder / "a.ply"
-        path.write_bytes("\n".join([*head, "end_header\n"]).encode() + body)
-        return path
-
-    return make
-
-
-def _make_mesh(suffix: str) -> Callable[[Path], Path]:
-    def make(folder: Path) -> Path:
-        rng = np.random.default_rng(3)
-        faces = rng.integers(0, 30, (40, 3)).astype(np.uint32)
-        colors = rng.uniform(size=(30, 3)).astype(np.float32)
-        save_mesh(folder / f"a{suffix}", Mesh(rng.normal(size=(30, 3)), faces, colors))
-        return folder / f"a{suffix}"
-
-    return make
-
-
-def _make_points(folder: Path) -> Path:
-    small_datasets.write_ply(folder / "a.ply", *small_datasets.points())
-    return folder / "a.ply"
-
-
-def _make_model(name: str) -> Callable[[Path], Path]:
-    def make(folder: Path) -> Path:
-        small_datasets.write_colmap_binary(folder / "set")
-        return next((folder / "set").rglob(name))
-
-    return make
-
-
-def _make_lens(folder: Path) -> Path:
-    path = folder / "a.cameramodel"
-    gsut.save_camera(gsut.Camera("opencv8", [90, 91, 64, 48, *8 * [0.01]], 128, 96), path)
-    return path
-
-
-def _make_sensors(folder: Path) -> Path:
-    device = small_films.make_gpmf(
-        small_films.make_places(3), small_films.make_forces([[1, 2, 9.8]] * 5)
-    )
-    return small_films.make_film(folder / "a.mp4", b"gpmd", [device] * 3)
-
-
-def _make_subtitles(folder: Path) -> Path:
-    _make_sensors(folder)
-    cues = (
-        f"{i}\n00:00:0{i},000 --> 00:00:0{i + 1},000\n[latitude: 47.{i}] [longitude: 8.5] "
-        "[abs_alt: 400]\n\n"
-        for i in range(5)
-    )
-    (folder / "a.srt").write_text("".join(cues))
-    return folder / "a.srt"
-
-
-def _make_image(suffix: str) -> Callable[[Path], Path]:
-    def make(folder: Path) -> Path:
-        pixels = np.random.default_rng(4).integers(0, 255, (40, 60, 3), np.uint8)
-        cv2.imwrite(str(folder / f"a{suffix}"), pixels)
-        return folder / f"a{suffix}"
-
-    return make
-
-
-def _read_film(path: Path) -> tuple[Video, list[Any]]:
-    with Video(path) as film:
-        pictures = [decode() for _, _, decode in film.read_frames()]
-        film.list_notes(len(pictures))
-    return film, pictures
-
-
-def _is_film(found: tuple[Video, list[Any]]) -> bool:
-    film, pictures = found
-    return all(each is None or each.shape == (film.height, film.width, 3) for each in pictures)
-
-
-def _is_scene(found: gsut.Gaussians) -> bool:
-    return bool(formats._format.find_drawable(found).all()) and len(found) <= 2 * COUNT
-
-
-def _is_mesh(found: Mesh) -> bool:
-    is_finite = np.isfinite(found.vertices).all()
-    return bool(is_finite) and found.faces.max(initial=0) < len(found.vertices)
-
-
-_SCENES: dict[str, Callable[[Path], Path]] = {
-    "scene PLY": _make_scene(".ply"), "scene text PLY": _make_ply("ascii"),
-    "scene big-endian PLY": _make_ply("binary_big_endian"),
-    "scene compressed PLY": _make_scene(".compressed.ply"),
-    "scene SPZ": _make_scene(".spz"), "scene SPZ 4": _make_scene(".spz", 4),
-    "scene SOG": _make_scene(".sog"), "scene glTF": _make_scene(".glb"),
-    "scene splat": _make_scene(".splat"),
-}  # fmt: skip
-READERS = {
-    **{name: Reader(make, formats.load_gaussians, _is_scene) for name, make in _SCENES.items()},
-    "large PLY": Reader(_make_scene(".ply"), lambda path: formats.open_ply(path, 10_000)),
-    "mesh PLY": Reader(_make_mesh(".ply"), load_mesh, _is_mesh),
-    "mesh OBJ": Reader(_make_mesh(".obj"), load_mesh, _is_mesh),
-    "points": Reader(_make_points, lambda path: find_usable_points(load_points_ply(path)[0])),
-    **{
-        f"COLMAP {name}": Reader(
-            _make_model(f"{name}.bin"), lambda path: gsut.load_dataset(path.parents[2])
-        )
-        for name in ("cameras", "images", "points3D")
-    },
-    "cameramodel": Reader(_make_lens, gsut.load_camera),
-    "film": Reader(
-        lambda folder: small_videos.walk(folder / "a.mp4", 12), _read_film, _is_film
-    ),
-    "sensors": Reader(_make_sensors, read_film_facts),
-    "subtitles": Reader(_make_subtitles, lambda path: read_film_facts(path.with_suffix(".mp4"))),
-    **{
-        f"image {suffix}": Reader(
-            _make_image(suffix), lambda path: (read_header(path), decode_image(path))
-        )
-        for suffix in (".png", ".jpg", ".webp", ".tif", ".bmp")
-    },
-}  # fmt: skip
+# Of EXAMPLES: readers of binary files.
+READERS = (
+    *("PLY of Gaussians", "text PLY of Gaussians", "big-endian PLY of Gaussians", "compressed PLY"),
+    *("SPZ", "SPZ 4", "SOG", "glTF of Gaussians", "splat", "large PLY of Gaussians", "mesh"),
+    *("mesh PLY", "PLY of points", "COLMAP cameras.bin", "COLMAP images.bin"),
+    *("COLMAP points3D.bin", "lens.cameramodel", "film", "sensors of a film", "subtitles"),
+    *(f"picture {suffix}" for suffix in (".png", ".jpg", ".webp", ".tif", ".bmp")),
+)
 
 
 def _list_parts(data: bytes) -> Kinds:
@@ -293,18 +137,19 @@ def list_kinds(data: bytes, every: int) -> Kinds:
     yield from itertools.islice(_list_numbers(data), every // 2, None, every)
 
 
-def try_kind(reader: Reader, path: Path) -> str:
+def try_kind(example: Example) -> str:
     """Reads a file; says what became of it."""
     started = time.process_time()
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            said = "read" if reader.is_right(reader.read(path)) else "read, and is wrong"
+            example.read()
+            said = "read"
     except gsut.InputError as error:
         text = str(error).strip()
         said = (
             "refused"
-            if str(path.parent) in text and "\n" not in text
+            if str(example.file.parent) in text and "\n" not in text
             else f"refused by: {text[:200]}"
         )
     except Exception:
@@ -317,18 +162,17 @@ def main(name: str, folder: str, every: str) -> None:
     import resource
     import signal
 
-    reader = READERS[name]
-    path = reader.make(Path(folder))
-    whole = path.read_bytes()
-    print(f"whole\t{try_kind(reader, path)}", flush=True)
+    example = EXAMPLES[name](Path(folder))
+    whole = example.file.read_bytes()
+    print(f"whole\t{try_kind(example)}", flush=True)
     status = Path("/proc/self/status").read_text("ascii")
     taken = 1024 * int(status.partition("VmData:")[2].split()[0])
     resource.setrlimit(resource.RLIMIT_DATA, (taken + MEMORY, taken + MEMORY))
     for kind, content in list_kinds(whole, int(every)):
-        path.write_bytes(content)
+        example.file.write_bytes(content)
         print(kind, end="\t", flush=True)
         signal.setitimer(signal.ITIMER_PROF, 2 * SECONDS)  # ends the process
-        print(repr(try_kind(reader, path))[1:-1], flush=True)
+        print(repr(try_kind(example))[1:-1], flush=True)
         signal.setitimer(signal.ITIMER_PROF, 0)
         gc.collect()  # frames of films, which hold themselves and threads
     os._exit(0)  # not after threads that the memory was too small for

@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import importlib
 import json
+import pickle
 import pkgutil
+import zipfile
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
@@ -15,6 +18,7 @@ import numpy as np
 
 import gsut
 import small_datasets
+import small_films
 import small_recordings
 import small_scans
 import small_videos
@@ -28,7 +32,8 @@ from gsut.capture.turns import read_gcsv
 from gsut.capture.video import Video
 from gsut.data.capture_file import read_capture
 from gsut.data.errors import raise_error
-from gsut.data.images.decode import decode_mask, read_header
+from gsut.data.images.decode import decode_image, decode_mask, read_header
+from gsut.data.points import find_usable_points, load_points_ply
 from gsut.data.points.las import load_points_las
 from gsut.data.poses.camera_path import read_path, read_path_lens
 from gsut.data.poses.trajectory import read_trajectory
@@ -42,6 +47,7 @@ from gsut.render.confidence import Confidence
 from gsut.run.checkpoint import read_checkpoint, write_checkpoint
 from gsut.run.folder import RunFolder, read_run_json
 from gsut.run.history import read_history
+from gsut.sfm.learned.weights import read_tensors
 from gsut.sfm.photographs.moments import read_turns
 from gsut.sfm.report.output import read_figures
 from gsut.sfm.world import read_positions
@@ -52,6 +58,7 @@ from lens_cases import FOREIGN_FILES
 LENS = gsut.Camera("kannala_brandt", [90, 91, 64, 48, 0.01, 0, 0, 0], 128, 96)
 BARREL = gsut.Camera("opencv5", [90, 91, 64, 48, -0.1, 0.02, 1e-3, -1e-3, 0], 128, 96)
 POSE = np.eye(4).tolist()
+COUNT = 60  # Gaussians of a scene
 VERDICT = {"level": "good", "what": "sharp", "reasons": [], "advice": ""}
 
 
@@ -101,12 +108,66 @@ def write_stream(file: Path) -> None:
     formats.write_levels(file.parent, [plain_scene(np.random.default_rng(1), 60)], [30.0])
 
 
-def write_scene(file: Path) -> None:
-    formats.save_gaussians(file, plain_scene(np.random.default_rng(1), 60))
+def write_scene(file: Path, version: int = 3) -> None:
+    settings = formats.WriteSettings(spz_version=version)
+    formats.save_gaussians(file, plain_scene(np.random.default_rng(1), COUNT), settings)
+
+
+def write_ply(order: str) -> Callable[[Path], Any]:
+    """Returns a function that writes another encoding of a PLY file of Gaussians."""
+
+    def write(file: Path) -> None:
+        names = "x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3"
+        head = ["ply", f"format {order} 1.0", f"element vertex {COUNT}"]
+        head += [f"property float {name}" for name in names.split()]
+        rows = np.random.default_rng(2).normal(size=(COUNT, 14))
+        text = "".join(" ".join(f"{value:.4f}" for value in row) + "\n" for row in rows).encode()
+        body = text if order == "ascii" else rows.astype(">f4").tobytes()
+        file.write_bytes("\n".join([*head, "end_header\n"]).encode() + body)
+
+    return write
+
+
+def read_scene(file: Path) -> None:
+    found = formats.load_gaussians(file)
+    assert formats._format.find_drawable(found).all()
+    assert len(found) <= 2 * COUNT or file.suffix == ".splat"  # which does not say how many
+
+
+def read_mesh(file: Path) -> None:
+    found = load_mesh(file)
+    assert np.isfinite(found.vertices).all()
+    assert found.faces.max(initial=0) < len(found.vertices)
+
+
+def read_film(file: Path) -> None:
+    with Video(file) as film:
+        pictures = [decode() for _, _, decode in film.read_frames()]
+        film.list_notes(len(pictures))
+    assert {p.shape for p in pictures if p is not None} <= {(film.height, film.width, 3)}
+
+
+def write_sensors(file: Path) -> None:
+    forces = small_films.make_forces([[1, 2, 9.8]] * 5)
+    device = small_films.make_gpmf(small_films.make_places(3), forces)
+    small_films.make_film(file, b"gpmd", [device] * 3)
+
+
+def write_subtitles(file: Path) -> None:
+    write_sensors(file.with_suffix(".mp4"))
+    cues = (
+        f"{i}\n00:00:0{i},000 --> 00:00:0{i + 1},000\n[latitude: 47.{i}] [longitude: 8.5] "
+        "[abs_alt: 400]\n\n"
+        for i in range(5)
+    )
+    file.write_text("".join(cues))
 
 
 def write_mesh(file: Path) -> None:
-    save_mesh(file, Mesh(np.eye(3), np.array([[0, 1, 2]], np.int32)))
+    rng = np.random.default_rng(3)
+    faces = rng.integers(0, 30, (40, 3)).astype(np.uint32)
+    colors = rng.uniform(size=(30, 3)).astype(np.float32)
+    save_mesh(file, Mesh(rng.normal(size=(30, 3)), faces, colors))
 
 
 def write_dataset(folder: Path) -> Example:
@@ -174,6 +235,15 @@ def write_arrays(file: Path) -> None:
 def write_control(file: Path) -> None:
     rows = ("name,use,x,y,z,sigma,picture,u,v", "A,check,1,2,3,0.01,a.png,5,6.5")
     file.write_text("\n".join(rows) + "\n")
+
+
+def write_tensors(file: Path) -> None:
+    """Writes an archive as torch does: a pickle of names and keys, and an array a key."""
+    with zipfile.ZipFile(file, "w") as archive:
+        names = [("skip1.1.weight", "0"), ("skip1.1.bias", "1")]
+        archive.writestr("archive/data.pkl", pickle.dumps(names, protocol=2))
+        for _, key in names:
+            archive.writestr(f"archive/data/{key}", np.ones(6, "<f4").tobytes())
 
 
 TREE = {"axis": 0, "at": 1.5, "below": None, "above": None}
@@ -258,20 +328,40 @@ EXAMPLES: dict[str, Make] = {
     "poses.txt": write_data(small_datasets.write_folder, "poses.txt"),
     "EuRoC data.csv": write_data(small_recordings.write_euroc, "data.csv"),
     "EuRoC sensor.yaml": write_data(small_recordings.write_euroc, "sensor.yaml"),
+    "weights of learned features": write_by("a.pt", write_tensors, read_tensors),
     # Of binary files, which tests/python/malformed.py damages, too.
-    "PLY of Gaussians": write_by("s.ply", write_scene, formats.load_gaussians),
-    "SOG": write_by("s.sog", write_scene, formats.load_gaussians),
+    **{
+        name: write_by(file, write_scene, read_scene)
+        for name, file in (
+            ("PLY of Gaussians", "s.ply"), ("SOG", "s.sog"), ("SPZ", "s.spz"), ("splat", "s.splat"),
+            ("compressed PLY", "s.compressed.ply"), ("glTF of Gaussians", "s.glb"),
+        )
+    },
+    "SPZ 4": write_by("s.spz", lambda file: write_scene(file, 4), read_scene),
+    "text PLY of Gaussians": write_by("t.ply", write_ply("ascii"), read_scene),
+    "big-endian PLY of Gaussians": write_by("t.ply", write_ply("binary_big_endian"), read_scene),
     "streamed SOG": write_by("lod-meta.json", write_stream, formats.load_gaussians),
-    "SPZ": write_by("s.spz", write_scene, formats.load_gaussians),
-    "compressed PLY": write_by("s.compressed.ply", write_scene, formats.load_gaussians),
-    "film": write_by(
-        "film.mp4", lambda file: small_videos.walk_past(file, 4), lambda file: Video(file).close()
-    ),
-    "glTF of Gaussians": write_by("s.glb", write_scene, formats.load_gaussians),
+    "film": write_by("film.mp4", lambda file: small_videos.walk(file, 12), read_film),
     "large PLY of Gaussians": write_by(
         "large.ply", write_scene, lambda file: formats.open_ply(file, 10_000)
     ),
-    "mesh": write_by("m.obj", write_mesh, load_mesh),
+    "mesh": write_by("m.obj", write_mesh, read_mesh),
+    "mesh PLY": write_by("m.ply", write_mesh, read_mesh),
+    "PLY of points": write_by(
+        "p.ply",
+        lambda file: small_datasets.write_ply(file, *small_datasets.points()),
+        lambda file: find_usable_points(load_points_ply(file)[0]),
+    ),
+    **{
+        f"COLMAP {name}": write_data(small_datasets.write_colmap_binary, name)
+        for name in ("cameras.bin", "images.bin", "points3D.bin")
+    },
+    **{
+        f"picture {suffix}": write_by(
+            f"a{suffix}", write_picture, lambda file: (read_header(file), decode_image(file))
+        )
+        for suffix in (".png", ".jpg", ".webp", ".tif", ".bmp")
+    },
     "Gyroflow's log": write_by(
         "film.gcsv",
         lambda file: file.write_text("GYROFLOW IMU LOG\nversion,1.3\nt,gx,gy,gz\n0,1,2,3\n"),
@@ -284,14 +374,16 @@ EXAMPLES: dict[str, Make] = {
             file.parent, {"turns": {"path": file.name, "records": [{"source": "gyroscope"}]}}
         ),
     ),
-    "sensors of a film": write_by(
-        "sensors.mp4", lambda file: small_videos.walk_past(file, 4), read_film_facts
+    "sensors of a film": write_by("sensors.mp4", write_sensors, read_film_facts),
+    "subtitles": write_by(
+        "a.srt", write_subtitles, lambda file: read_film_facts(file.with_suffix(".mp4"))
     ),
-    "splat": write_by("s.splat", write_scene, formats.load_gaussians),
 }  # fmt: skip
-# Of a library that may take minutes over its own damaged files; of one file, whose digest is
-# checked before anything of it is parsed.
-WITHOUT = {"USD", "weights of learned features"}
+# Of a library that may not be here.
+WITHOUT = {"USD"}
+if find_spec("pxr"):
+    EXAMPLES["USD"] = write_by("s.usdc", write_scene, formats.load_gaussians)
+    WITHOUT = set()
 
 
 def import_all(package: ModuleType) -> None:

@@ -26,7 +26,5 @@ def test_malformed_file_of_any_kind_is_read_rightly_or_refused_in_a_sentence(nam
     assert not wrong, "\n".join(wrong[:20])
     assert done.returncode == 0, done.stderr
     assert len(rows) > 30
-    assert {said for _, _, said in rows} >= {"refused"} or name in (
-        "subtitles",
-        "sensors",
-    )  # of which what can be read is
+    if name not in ("subtitles", "sensors of a film"):  # of which what can be read is
+        assert {said for _, _, said in rows} >= {"refused"}

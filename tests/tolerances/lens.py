@@ -43,9 +43,7 @@ LENS_RENDER_RMS = 1e-5  # what render promises of float32
 LENS_RENDER_STEP = 1e-4
 LENS_RENDER_STEPS = 4
 LENS_RENDER_CUTOFF = 6e-3
-LENS_GRADIENT_RELATIVE = 1e-4
 HARD_LAYERS = 1e-5  # relative: 10 000 products of float; worst 3.2e-7
-HARD_PROJECTION_PIXELS = 2e-4  # px at 640 px (float spacing 6e-5); worst 9.3e-5
 HARD_DETERMINANT = 1e-4  # of a covariance over the product of its variances; rounding of 1e-6
 # All twenty on small scenes (tests/hard/test_hard_matrix.py): float by every instruction set and
 # double, largest difference of an image and relative L2 of the gradients; at most twice the worst

@@ -3,7 +3,6 @@
 LENS_OF_IMAGE_GRADIENT = 6e-6  # central differences of step 1e-5 in double; worst 3.1e-6
 LENS_OF_IMAGE_FLOAT = 1.4e-5  # relative L2; worst 7.0e-6
 RAYS_FLOAT = 1e-5  # the same, of every pixel's ray; worst 5e-6
-LENS_IDENTITY = 1e-9  # sums in double in another order
 ORACLE_LENS_GRADIENT = 3e-10  # gsplat's Newton stops at 1e-6; worst 1.5e-10
 REFINE_POSE_GRADIENT = 3e-5  # relative L2: float32 kernels, sums that cancel; worst 1.1e-5
 REFINE_RAY_GRADIENT = 3e-5  # the same, pixel by pixel; see above

@@ -162,29 +162,3 @@ def test_peer_scene_follows_the_shared_recipe():
     assert np.array_equal(scene.gaussians.log_scales, np.log(scales).astype(np.float32))
     assert list(scene.camera.params) == [432.0, 432.0, 240.0, 240.0]
     assert scene.gaussians.sh.shape == (10_000, 1, 3)
-
-
-def test_synthetic_scene_of_more_gaussians_begins_with_the_same():
-    few, many = (scenes.synthetic_scene(count, 64, 48).gaussians for count in (100, 150_000))
-    for name in accuracy.PARAMETERS:
-        assert np.array_equal(getattr(few, name), getattr(many, name)[:100])
-        assert np.isfinite(getattr(many, name)).all()
-    assert not np.array_equal(many.means[:100], many.means[131_072:131_172])
-
-
-def test_synthetic_scene_holds_needles_and_far_gaussians():
-    g = scenes.synthetic_scene(20_000, 640, 480, sh_degree=0).gaussians
-    scales = np.sort(g.log_scales, axis=1)
-    assert (np.exp(scales[:, 2] - scales[:, 1]) > 10).mean() == pytest.approx(0.02, abs=0.01)
-    assert (np.linalg.norm(g.means, axis=1) > 20).mean() == pytest.approx(0.01, abs=0.005)
-
-
-@pytest.mark.parametrize("text, count", [("500", 500), ("10k", 10_000), ("2.5M", 2_500_000)])
-def test_parsed_count_of_words_gives_numbers(text, count):
-    assert scenes.parsed_count(text) == count
-
-
-@pytest.mark.parametrize("text", ["", "k", "-1", "1g", "0"])
-def test_parsed_count_of_nonsense_is_refused(text):
-    with pytest.raises(gsut.InputError, match=r"like 500, 10k or 2\.5m"):
-        scenes.parsed_count(text)

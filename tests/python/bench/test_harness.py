@@ -151,18 +151,6 @@ def test_wrong_words_are_refused_in_one_sentence(capsys, monkeypatch, words, mes
     assert re.search(message, err.splitlines()[-1])
 
 
-@pytest.mark.slow
-def test_run_bench_lists_the_benchmarks():
-    if not (ROOT / ".venv/bin/python").exists():
-        pytest.skip("./run setup was not run here")
-    environment = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    done = subprocess.run(
-        [ROOT / "run", "bench", "--help"], capture_output=True, text=True, env=environment
-    )
-    assert done.returncode == 0, done.stderr
-    assert all(name in done.stdout for name in find_benchmarks())
-
-
 def test_benchmarks_need_no_package_of_the_tests():
     blocked = ("scipy", "pytest", "skimage", "trimesh", "rosbags", "ray")
     code = f"import sys\nfor name in {blocked}: sys.modules[name] = None\n"

@@ -51,61 +51,49 @@ def half_size(image):
     return cv2.resize(image, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
 
 
-def no_boards(folder, paths):
-    return changed(folder, paths[:4], empty)
+def add(name, write):
+    """Four pictures and a file that `write` makes of the first."""
+
+    def make(folder, paths):
+        write(folder / name, paths[0])
+        return [*paths[:4], folder / name]
+
+    return make
 
 
-def too_few(folder, paths):
-    return [*paths[:3], *changed(folder, paths[3:5], empty)]
-
-
-def mixed_sizes(folder, paths):
-    return [*paths[:4], *changed(folder, paths[4:5], half_size)]
-
-
-def all_blurred(folder, paths):
-    return changed(folder, paths[:4], blurred)
-
-
-def all_cropped(folder, paths):
-    return changed(folder, paths[:4], cropped)
-
-
-def tiny(folder, paths):
-    return changed(folder, paths[:4], lambda image: image[:, :4])
-
-
-def smaller(folder, paths):
-    return changed(folder, paths[:4], lambda image: image[:14, :14])
-
-
-def unreadable(folder, paths):
-    (folder / "changed-note.png").write_text("this is no image")
-    return [*paths[:4], folder / "changed-note.png"]
-
-
-def cut_off(folder, paths):
-    (folder / "changed-half.png").write_bytes(paths[0].read_bytes()[:-100])
-    return [*paths[:4], folder / "changed-half.png"]
-
-
-def missing(folder, paths):
-    return [*paths[:4], folder / "changed-absent.png"]
+def change_four(change):
+    return lambda folder, paths: changed(folder, paths[:4], change)
 
 
 @pytest.mark.parametrize(
     ("make", "board", "sentence"),
     [
-        (no_boards, "7x5", "no board of 7 x 5 inner corners in any of the 4 images"),
-        (too_few, "7x5", "too few boards: 3 found in 5 images"),
-        (mixed_sizes, "7x5", "all images of one camera must have one size"),
-        (all_blurred, "7x5", "blurred"),
-        (all_cropped, "7x5", "cropped"),
-        (tiny, "7x5", "4 x 320 pixels are too few for a board of 7 x 5"),
-        (smaller, "7x5", "14 x 14 pixels are too few for a board of 7 x 5"),
-        (unreadable, "7x5", "not a readable image"),
-        (cut_off, "7x5", "the image is cut off after"),
-        (missing, "7x5", "cannot be opened"),
+        (change_four(empty), "7x5", "no board of 7 x 5 inner corners in any of the 4 images"),
+        (
+            lambda folder, paths: [*paths[:3], *changed(folder, paths[3:5], empty)],
+            "7x5",
+            "too few boards: 3 found in 5 images",
+        ),
+        (
+            lambda folder, paths: [*paths[:4], *changed(folder, paths[4:5], half_size)],
+            "7x5",
+            "all images of one camera must have one size",
+        ),
+        (change_four(blurred), "7x5", "blurred"),
+        (change_four(cropped), "7x5", "cropped"),
+        (change_four(lambda i: i[:, :4]), "7x5", "4 x 320 pixels are too few for a board of 7 x 5"),
+        (change_four(lambda i: i[:14, :14]), "7x5", "14 x 14 pixels are too few for a board"),
+        (
+            add("changed-note.png", lambda file, _: file.write_text("this is no image")),
+            "7x5",
+            "not a readable image",
+        ),
+        (
+            add("changed-half.png", lambda file, of: file.write_bytes(of.read_bytes()[:-100])),
+            "7x5",
+            "the image is cut off after",
+        ),
+        (add("changed-absent.png", lambda *_: None), "7x5", "cannot be opened"),
         (lambda _, paths: paths[:5], "8x6", "show 7 x 5 inner corners, not 8 x 6"),
         (lambda _, paths: paths[:5], "6x4", "show 7 x 5 inner corners, not 6 x 4"),
     ],

@@ -6,9 +6,9 @@ from scipy import special
 from scipy.spatial import cKDTree
 
 import tolerances
-from gsut import InputError, _core
+from gsut import InputError, _core, set_num_threads
 from gsut.gaussians import rotations_from_quaternions, seeding
-from random_scenes import assert_same, fisheye
+from random_scenes import arrays_of, assert_same, fisheye
 
 
 def unit_vectors(rng, count):
@@ -61,10 +61,23 @@ def distances_to_neighbors(points):
     return cKDTree(points).query(points, k=min(4, len(points)))[0][:, 1:].mean(axis=1)
 
 
-@pytest.mark.parametrize("count", [2, 3, 4, 50, 3000])
-def test_seed_from_points_is_as_wide_as_neighbors_are_far(rng, count):
+@pytest.mark.parametrize("count", [2, 3, 4, 13, 50, 3000])
+@pytest.mark.parametrize("shape", ["volume", "line", "grid"])
+def test_seed_from_points_is_as_wide_as_neighbors_are_far(rng, count, shape):
     points = rng.normal(size=(count, 3)) * [10, 1, 0.01]
+    if shape == "line":
+        points[:, 1:] = 1.5
+    if shape == "grid":  # of which many are as far as others
+        points = np.stack(np.unravel_index(rng.permutation(count), (15, 15, 15)), 1) / 4.0
+    made = []
+    for threads in (1, 8):
+        set_num_threads(threads)
+        made.append(arrays_of(seeding.seed_from_points(points, scale_factor=0.4)))
+    set_num_threads(0)
+    assert made[0] == made[1]
     g = seeding.seed_from_points(points, scale_factor=0.4)
+    if shape == "line":  # it has no plane
+        assert np.array_equal(g.log_scales[:, 2], g.log_scales[:, 0])
     expected = np.log(0.4 * distances_to_neighbors(points))
     for axis in (0, 1):
         np.testing.assert_allclose(

@@ -223,17 +223,6 @@ def test_info_has_what_strategies_read_and_means2d_gets_the_gradient_in_pixels(r
     assert relative_error(back[rows], across[rows]) < tolerances.RENDER_GRADIENT
 
 
-def test_radii_have_the_shape_of_each_version(rng):
-    (means, quats, scales, opacities, sh), camera, pose = make_scene(rng)
-    shapes = {"1.4": (1, 80), "1.5": (1, 80, 2), "1.6": (1, 80, 2)}
-    for api, shape in shapes.items():
-        _, _, info = rasterization(
-            means, quats, scales, opacities, sh, pose[None], make_matrix(camera)[None], SIZE, SIZE,
-            sh_degree=1, camera_model="fisheye", packed=False, api=api,
-        )  # fmt: skip
-        assert info["radii"].shape == shape
-
-
 def test_any_lens_renders_and_its_parameters_get_gradients(rng):
     (means, quats, scales, opacities, sh), _, pose = make_scene(rng)
     for model in ("double_sphere", "equirectangular", "ocam"):
@@ -348,7 +337,9 @@ def test_every_argument_of_gsplat_is_supported_or_refused_by_name_and_reason(rng
                 rasterization(**call)
         else:
             image, _, info = rasterization(**call)
-            is_same = image.shape == plain.shape and torch.equal(image, plain)
+            # other channels beside the colours are blended by other kernels: another last bit
+            limit = tolerances.TORCH_SHADING
+            is_same = image.shape == plain.shape and torch.allclose(image, plain, atol=limit)
             assert is_same == (effect == CHANGES_NO_PIXEL), name
             if name.startswith("extra_signals"):
                 assert info["render_extra_signals"].shape[:3] == image.shape[:3], name

@@ -64,15 +64,7 @@ def lines_case(seed):
 def in_view(rng, camera, place, shutter, count, **options):
     """Gaussians that the camera sees in the middle of its exposure."""
     middle = place if shutter is None else gsut.CameraMotion(*place, shutter).at(0.5)
-    g = gaussians_in_view(rng, camera, middle, count, **options)
-    origins = camera.origins()
-    if not camera.is_central:  # spread over where rays start, not around one point
-        valid = camera.rays()[1]
-        offset = origins[valid][rng.integers(int(valid.sum()), size=count)]
-        if camera.is_parallel:
-            offset[:, 2] = 0
-        g.means = (g.means + offset @ middle[:3, :3]).astype(np.float32)
-    return g
+    return gaussians_in_view(rng, camera, middle, count, **options)
 
 
 SCENES = 36
@@ -103,35 +95,17 @@ MISS_GAUSSIANS = 120
 @pytest.mark.parametrize("kind", flips.SHAPES)
 def test_render_float_lines_miss_no_gaussian_that_double_sees(kind):
     # As the test of central lenses in test_render.py, with fast turns.
-    rule, strict = gsut.BlendRule(), gsut.BlendRule()
-    rule.transmittance_min = strict.transmittance_min = 0.0
-    strict.alpha_min = rule.alpha_min * (1 + tolerances.RENDER_MISS_MARGIN)
-    pairs = seen = missed = 0
+    pairs = seen = 0
     for seed in range(MISS_ROUNDS):
         rng, label, camera, place, shutter = lines_case(seed)
         if shutter is not None:
             place = (place[0], moved(rng, place[0], 0.5, (0.1, 1.0, 2.5)[seed % 3]))
-        g = in_view(
-            rng,
-            camera,
-            place,
-            shutter,
-            MISS_GAUSSIANS,
-            sh_degree=0,
-            opacity=-2.0,
-            **flips.SHAPES[kind],
-        )
+        shape = {"sh_degree": 0, "opacity": -2.0, **flips.SHAPES[kind]}
+        g = in_view(rng, camera, place, shutter, MISS_GAUSSIANS, **shape)
         g.means[::10] += rng.normal(size=g.means[::10].shape) * 3  # some out of view
-        dimage = np.ones((camera.height, camera.width, 3))
-        truth = gsut.render(g, camera, place, shutter=shutter, blend=strict, dtype="float64")
-        visible = gsut.render_backward(truth, dimage).gaussians.sh[:, 0, 0] > 0
-        found = gsut.render(g, camera, place, shutter=shutter, blend=rule)
-        touched = gsut.render_backward(found, dimage).touched
         pairs += len(g)
-        seen += int(visible.sum())
-        missed += int((visible & ~touched).sum())
-        assert not np.any(visible & ~touched), (label, np.flatnonzero(visible & ~touched))
-    print(f"{kind}: {missed} missed of {seen} seen in {pairs} (Gaussian, camera) pairs")
+        seen += flips.assert_none_missed(g, camera, place, label, shutter=shutter)
+    print(f"{kind}: none missed of {seen} seen in {pairs} (Gaussian, camera) pairs")
     assert pairs == MISS_ROUNDS * MISS_GAUSSIANS and seen > pairs / 10
 
 
@@ -319,18 +293,13 @@ def test_cahvore_wrong_parameters_say_what_to_do(params, says):
     ],
     ids=lambda camera: camera.model,
 )
-@pytest.mark.parametrize("init", ["points", "random"])
-def test_train_through_a_lens_without_one_centre_learns(tmp_path, rng, camera, init):
+def test_train_from_random_places_through_a_lens_without_one_centre_learns(tmp_path, rng, camera):
     read = gsut.load_dataset(rendered_dataset.write_dataset(tmp_path / "d", rng, camera=camera))
     scene = gsut.Scene(
         read.path, [camera], read.views, read.points, read.point_colors, read.train_indices,
         read.test_indices, read.world_offset,
     )  # fmt: skip
-    options = gsut.TrainOptions(steps=150, max_gaussians=800, init=init, sh_degree=0)
+    options = gsut.TrainOptions(steps=150, max_gaussians=800, init="random", sh_degree=0)
     found = gsut.train(scene, options, progress=False).metrics["psnr"]
-    print(camera.model, init, found)
-    least = {
-        "points": tolerances.TRAIN_LEAST_PSNR,
-        "random": tolerances.LINES_TRAIN_RANDOM_PSNR,
-    }
-    assert found > least[init]
+    print(camera.model, found)
+    assert found > tolerances.LINES_TRAIN_RANDOM_PSNR

@@ -61,6 +61,20 @@ def test_loss_value_is_composed_of_l1_and_dssim(pair):
     assert _core.photometric_loss(made, image, ssim_weight=0.3)[0] == loss
 
 
+@pytest.mark.parametrize("rule", ["partial", "valid"])
+def test_loss_of_two_greys_has_the_closed_form_and_of_equal_images_is_zero(rule):
+    # No variance: SSIM is its luminance term alone, under any mask, rim or not.
+    one, other = (np.full((HEIGHT, WIDTH, 3), grey) for grey in (0.3, 0.7))
+    ssim = (2 * 0.3 * 0.7 + 1e-4) / (0.3**2 + 0.7**2 + 1e-4)
+    loss, _ = _core.photometric_loss_reference(one, other, circle(), 0.2, rule)
+    assert loss == pytest.approx(0.8 * 0.4 + 0.2 * (1 - ssim), abs=tolerances.METRIC_ROUNDING)
+    assert metrics.ssim(one, other, circle(), rule) == pytest.approx(ssim, rel=1e-9)
+    same = one.astype(np.float32)
+    made = _core.PhotometricTarget(same, circle(), window_rule=rule)
+    loss, gradient = _core.photometric_loss(made, same)
+    assert loss == 0 and not gradient.any()
+
+
 def test_loss_gradient_is_written_into_the_given_buffer(pair):
     target, image = pair
     made = _core.PhotometricTarget(target)
@@ -165,6 +179,12 @@ def test_weighted_psnr_equal_weights_is_psnr(pair):
     assert metrics.weighted_psnr(target, image, weights) == pytest.approx(
         metrics.psnr(target, image), abs=tolerances.METRIC_ROUNDING
     )
+    # Half the weight on equal pixels: 3 dB more.
+    one, other = np.full((2, 2, 3), 0.5), np.full((2, 2, 3), 0.6)
+    other[0] = 0.5
+    assert metrics.weighted_psnr(one, other, np.ones((2, 2))) == pytest.approx(23.0103, abs=1e-4)
+    with pytest.raises(InputError, match="pixel weights"):
+        metrics.weighted_psnr(one, other, np.array([[1.0, -1.0], [1.0, 1.0]]))
 
 
 def test_color_corrected_psnr_undoes_an_affine_change(pair):

@@ -77,6 +77,19 @@ def test_one_primitive_along_a_fan_of_rays_is_its_closed_form(primitive, dtype):
     assert 0 < (found > 0).sum() < 65
 
 
+@pytest.mark.parametrize("primitive", PRIMITIVES)
+def test_primitive_has_the_second_moments_of_its_scale(primitive):
+    # Seen from so far away that rays are parallel, and as a sheet.
+    camera, (means, quats, _, logits, sh) = pinhole(160, focal=16_000.0), make_one()
+    means[0][2] = 1000.0
+    scales = np.log([[1.0, 1.0, 1e-3]])
+    g = gsut.Gaussians(means, quats, scales, logits, sh, primitive=primitive)
+    alpha = gsut.render(g, camera, np.eye(4), dtype="float64", blend=open_rule()).alpha
+    y, x = (np.mgrid[:160, :160] + 0.5 - 80) / 16
+    for moment, expected in ((x * x, 1), (y * y, 1), (x, 0), (y, 0)):
+        assert np.sum(alpha * moment) / alpha.sum() == pytest.approx(expected, abs=2e-3)
+
+
 @pytest.mark.parametrize("alpha_min", [1e-3, 1e-37])  # the second is none: all up to the outline
 @pytest.mark.parametrize("response", ["maximum", "extinction"])
 def test_triangle_backward_in_double_matches_central_differences(rng, response, alpha_min):

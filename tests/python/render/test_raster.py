@@ -292,13 +292,6 @@ class TestOneRay:
             0.9999, abs=tolerances.RENDER_CLOSED_FORM
         )
 
-    def test_equal_distances_are_ordered_by_index(self, dtype):
-        red, blue = one_gaussian(color=(1, 0, 0)), one_gaussian(color=(0, 0, 1))
-        first = gsut.render(stacked(red, blue), AXIS, np.eye(4), dtype=dtype).image[0, 0]
-        assert first == pytest.approx([0.6, 0, 0.24], abs=tolerances.RENDER_CLOSED_FORM)
-        second = gsut.render(stacked(blue, red), AXIS, np.eye(4), dtype=dtype).image[0, 0]
-        assert second == pytest.approx([0.24, 0, 0.6], abs=tolerances.RENDER_CLOSED_FORM)
-
     def test_near_cut_of_the_presets_drops_and_own_rule_keeps(self, dtype):
         g = one_gaussian(depth=0.1, scale=0.01)
         seen = {
@@ -313,23 +306,6 @@ class TestOneRay:
         g.means[0, 0] = 0.92  # D = 0.92 / 0.3 beside the axis
         assert gsut.render(g, AXIS, np.eye(4), parity="gsplat", dtype=dtype).alpha[0, 0] > 1 / 255
         assert gsut.render(g, AXIS, np.eye(4), parity="3dgrut", dtype=dtype).alpha[0, 0] == 0
-
-
-def test_order_key_distance_and_depth_differ_off_the_axis():
-    # B lies farther by distance, nearer by z; both cover the pixel in the corner.
-    camera = pinhole(3, focal=1.0)
-    ray = camera.rays()[0][0, 0]
-    a = one_gaussian(color=(1, 0, 0))
-    b = one_gaussian(color=(0, 0, 1))
-    a.means[0], b.means[0] = 2.0 * ray, 2.1 * ray + [-0.3, -0.3, -0.4]
-    a.log_scales[:] = b.log_scales[:] = np.log(0.6)
-    assert b.means[0, 2] < a.means[0, 2]
-    assert np.linalg.norm(b.means) > np.linalg.norm(a.means)
-    g = stacked(a, b)
-    for dtype in ("float32", "float64"):
-        by_distance = gsut.render(g, camera, np.eye(4), dtype=dtype).image[0, 0]
-        by_z = gsut.render(g, camera, np.eye(4), parity="gsplat", dtype=dtype).image[0, 0]
-        assert by_distance[0] > by_z[0] + 0.05
 
 
 # Opacities of 0 and 1.

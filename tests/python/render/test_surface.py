@@ -208,28 +208,3 @@ def test_surface_of_the_double_reference_is_refused(rng):
     g = gaussians_in_view(rng, camera, pose, 3)
     with pytest.raises(InputError, match="float32"):
         gsut.render_surface(gsut.render(g, camera, pose, dtype="float64"))
-
-
-@pytest.mark.parametrize("degrees", [0, 60, 80, 88])
-def test_gaussian_a_ten_thousandth_thick_is_a_surfel(degrees):
-    """As the ray's intersection with its plane, the response there (2DGS, eqs. 8 to 10)."""
-    camera, half = pinhole(64), np.radians(degrees) / 2
-    normal = np.array([0, -np.sin(2 * half), np.cos(2 * half)])
-    right, up = np.array([1.0, 0, 0]), np.cross(normal, [1.0, 0, 0])
-    middle, size = np.array([0, 0, 4.0]), 0.5
-    g = gsut.Gaussians(
-        middle[None], np.array([[np.cos(half), np.sin(half), 0, 0]]),
-        np.log([[size, size, 1e-4 * size]]), np.array([3.0]), np.zeros((1, 1, 3)),
-    )  # fmt: skip
-    rays = camera.rays()[0]
-    distance = (normal @ middle) / (rays @ normal)
-    at = (rays * distance[..., None] - middle) / size
-    alpha = np.exp(-0.5 * ((at @ right) ** 2 + (at @ up) ** 2)) / (1 + np.exp(-3.0))
-    alpha = np.where((distance > 0) & (alpha >= 1 / 255), alpha, 0)
-    assert np.count_nonzero(alpha) > 50
-    for dtype in ("float64", "float32"):
-        seen = gsut.render(g.to_dtype(dtype), camera, np.eye(4), dtype=dtype)
-        assert np.abs(seen.alpha - alpha).max() < tolerances.SURFEL
-        has = alpha > 0
-        error = seen.depth[has] / seen.alpha[has] / distance[has] - 1
-        assert np.abs(error).max() < tolerances.SURFEL

@@ -10,32 +10,34 @@ from random_scenes import fisheye, random_gaussians
 SIZE = 100  # seven tiles a side, the last one cut
 
 
-def passes(gaussians, camera, pose, dimage, tiles=None):
+def passes(gaussians, camera, pose, dimage, tiles=None, rule=None):
     """Image, gradients and touched of one render, leaving out tiles that are 0."""
     renderer = _core.Renderer()
     image = np.zeros((camera.height, camera.width, 3), np.float32)
-    renderer.render(
-        gaussians, _core.RenderJob(camera, pose, background=(0.2, 0.3, 0.4), tiles=tiles), image
+    job = _core.RenderJob(
+        camera, pose, rule=rule or gsut.BlendRule(), background=(0.2, 0.3, 0.4), tiles=tiles
     )
+    renderer.render(gaussians, job, image)
     gradients, touched = gaussians.make_zeros(), np.zeros(len(gaussians), np.uint8)
     renderer.backward(dimage, gradients, touched)
     return image, gradients, touched, renderer.statistics()
 
 
-@pytest.mark.parametrize("rolling", [False, True])
-def test_tiles_left_out_leave_the_others_to_the_bit(rng, rolling):
+@pytest.mark.parametrize("kind", ["still", "rolling", "along the ray"])
+def test_tiles_left_out_leave_the_others_to_the_bit(rng, kind):
     camera = fisheye(SIZE)
     g = random_gaussians(rng, 400).to_dtype(np.float32)
-    pose = np.eye(4)
-    if rolling:
+    pose, rule = np.eye(4), gsut.BlendRule()
+    rule.order = "ray" if kind == "along the ray" else "distance"
+    if kind == "rolling":
         end = np.eye(4)
         end[0, 3] = 0.05
         pose = gsut.CameraMotion(pose, end, gsut.Shutter("top_to_bottom"))
     tiles = rng.integers(0, 2, (7, 7), dtype=np.uint8)
     kept = np.kron(tiles, np.ones((16, 16), np.uint8))[:SIZE, :SIZE].astype(bool)
     dimage = rng.normal(size=(SIZE, SIZE, 3)).astype(np.float32) * kept[..., None]
-    image, gradients, touched, counts = passes(g, camera, pose, dimage, tiles)
-    whole, expected, seen, of_all = passes(g, camera, pose, dimage)
+    image, gradients, touched, counts = passes(g, camera, pose, dimage, tiles, rule)
+    whole, expected, seen, of_all = passes(g, camera, pose, dimage, rule=rule)
     np.testing.assert_array_equal(image[kept], whole[kept])
     rays = camera.rays()[1]
     assert (image[~kept & rays] == np.float32([0.2, 0.3, 0.4])).all()
