@@ -61,15 +61,6 @@ def test_a_map_has_one_scale_and_its_points_lie_where_its_segments_do():
         assert (picture[int(row), int(column)] == color).all()
 
 
-def test_a_histogram_has_a_bar_between_each_two_edges():
-    chart = Chart("", "", (0.0, 2.0), (0.0, 4.0))
-    chart.draw_histogram(np.array([0.0, 1.0, 2.0]), np.array([4.0, 2.0]))
-    (path,) = re.findall(r'd="(M[^"]*Z)"', svg(chart.embed()))
-    tops = [float(top) for top in re.findall(r"V([\d.]+)H", path)]
-    floor = float(re.search(r" ([\d.]+)V", path).group(1))
-    assert len(tops) == 2 and floor - tops[0] == 2 * (floor - tops[1]) > 0
-
-
 def test_curves_of_any_history_name_their_axis_and_last_value():
     rows = [
         {"step": n, "seconds": n / 7, "loss": 1 / n, "psnr": 20 + n / 100, "num_gaussians": 900 * n}
