@@ -33,9 +33,7 @@ _PHOTO_SIDE = 800
 # Longer side in pixels of the picture that programs show beside a link to the page.
 _PREVIEW_SIDE = 1200
 # What the page can show by itself.
-_MODES = ("color", "distance", "alpha", "error")
-# Colours that the page maps distances and errors to, as the viewer does.
-_COLOR_MAPS = ("turbo", "inferno")
+_MODES = ("color", "distance")
 # The page's scripts, in the order in which they run.
 _SCRIPTS = (
     "exact/core.js", "exact/moving.js", "exact/page_server.js", "select.js", "view.js",
@@ -264,7 +262,7 @@ def _describe(session: Any, rows: list[int]) -> dict[str, Any]:
         "scene": scene, "lenses": lenses, "photographs": photographs, "motions": motions,
         "background": stage.background,
         "offset": np.zeros(3) if stage.scene is None else stage.scene.world_offset,
-        "colors": {name: _sample_colors(name) for name in _COLOR_MAPS},
+        "colors": _sample_colors(),
     }  # fmt: skip
 
 
@@ -288,10 +286,10 @@ def _describe_motion(view: Any) -> dict[str, Any] | None:
     }  # fmt: skip
 
 
-def _sample_colors(name: str) -> list[int]:
-    """Samples a colour map at 256 steps, red, green, blue."""
+def _sample_colors() -> list[int]:
+    """Samples the colour map of distances at 256 steps, red, green, blue, as the viewer has it."""
     import cv2
 
     steps = np.arange(256, dtype=np.uint8)[:, None]
-    mapped = cv2.applyColorMap(steps, getattr(cv2, f"COLORMAP_{name.upper()}"))
+    mapped = cv2.applyColorMap(steps, cv2.COLORMAP_TURBO)
     return [int(value) for value in mapped[:, 0, ::-1].ravel()]
