@@ -11,6 +11,7 @@ import numpy as np
 import gsut
 from gsut.gaussians import SH_C0
 from random_scenes import pinhole
+from small_datasets import write_ply
 
 VIEWS = 12
 EVERY_TEST = 6  # views 0 and 6 are held out
@@ -97,16 +98,7 @@ def write_dataset(
     if with_points:
         points = g.means + 0.02 * rng.normal(size=g.means.shape)
         colors = 255 * np.clip(0.5 + g.sh[:, 0] * SH_C0, 0, 1)
-        _write_points(path / "points3D.ply", points, colors)
+        write_ply(path / "points3D.ply", points, np.round(colors))
         content["ply_file_path"] = "points3D.ply"
     (path / "transforms.json").write_text(json.dumps(content))
     return path
-
-
-def _write_points(path: Path, xyz: np.ndarray, rgb: np.ndarray) -> None:
-    rows = np.empty(len(xyz), [("xyz", "<f4", 3), ("rgb", "u1", 3)])
-    rows["xyz"], rows["rgb"] = xyz, np.round(rgb)
-    header = "ply\nformat binary_little_endian 1.0\n" + f"element vertex {len(xyz)}\n"
-    header += "".join(f"property float {c}\n" for c in "xyz")
-    header += "".join(f"property uchar {c}\n" for c in ("red", "green", "blue")) + "end_header\n"
-    path.write_bytes(header.encode() + rows.tobytes())

@@ -13,7 +13,7 @@ from gsut.gaussians import SH_C0
 from gsut.refine.pose_files import write_refined
 from gsut.run.folder import RunFile, RunFolder
 from random_scenes import fisheye
-from rendered_dataset import _write_points
+from small_datasets import write_ply
 
 VIEWS = 14
 TEST = (3, 10)
@@ -62,6 +62,7 @@ def write_room(path: Path, rng: np.random.Generator, width: int = 64) -> Path:
     write_refined(RunFolder(path), scene)
     content = json.loads((path / RunFile.TRANSFORMS).read_text())
     points = g.means + 0.02 * rng.normal(size=g.means.shape)
-    _write_points(path / "points3D.ply", points, 255 * np.clip(0.5 + g.sh[:, 0] * SH_C0, 0, 1))
+    colors = np.round(255 * np.clip(0.5 + g.sh[:, 0] * SH_C0, 0, 1))
+    write_ply(path / "points3D.ply", points, colors)
     (path / RunFile.TRANSFORMS).write_text(json.dumps({**content, "ply_file_path": "points3D.ply"}))
     return path
