@@ -45,7 +45,6 @@ GOOD: dict[tuple[str, str], tuple[str, ...]] = {
     ("edit", "--up"): COORDINATES,  # its direction counts
     ("measure", "--point"): COORDINATES,
     ("measure", "--length"): (MANY,),  # of what was measured, in any unit
-    ("camera convert", "--distance"): (MANY,),  # far away
     # Nothing of it, none left out, all or a number found by gsut, as their help says.
     **{
         (command, flag): ("0",)

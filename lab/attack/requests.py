@@ -23,14 +23,12 @@ WRONG_VALUES = (  # of a field, as JSON
 GOOD: dict[str, dict[str, Any]] = {  # of a row: a request, whose fields are replaced in turn
     "scene": {}, "frame": FRAME, "photo": {"view": 0}, "lens": {"model": "pinhole"},
     "pick": {"frame": FRAME, "pixel": [3, 3]}, "camera": FRAME | {"poses": [POSE]},
-    "film": {"keys": [POSE, POSE], "frame": FRAME, "seconds": 0.1}, "film.file": {},
-    "findings": {}, "ground": {"up": [0, -1, 0]}, "floaters": {}, "save": {"name": "a.ply"},
-    "edits": {"steps": [{"do": "clear"}]}, "edits.json": {"steps": [{"do": "clear"}]},
+    "findings": {}, "edits": {"steps": [{"do": "clear"}]},
+    "edits.json": {"steps": [{"do": "clear"}]},
 }  # fmt: skip
 WRONG: dict[str, tuple[str, Any]] = {  # of a row: route and values, refused with status 400
     "a lens of a million coefficients": ("lens", {"model": "ocam", "params": [1.0] * MANY}),
     "a million points": ("frame", FRAME | {"marks": [[0, 0, 0]] * (MANY // 5)}),
-    "a million keyframes": ("film", {"keys": [0] * MANY, "frame": FRAME}),
     "a path of a million poses": ("camera", FRAME | {"poses": [0] * MANY}),
     "a frame too large": ("frame", FRAME | {"width": HUGE}),
     "a camera too large": ("camera", FRAME | {"poses": [POSE], "width": HUGE}),
@@ -41,8 +39,6 @@ WRONG: dict[str, tuple[str, Any]] = {  # of a row: route and values, refused wit
     "no pixel": ("pick", {"frame": FRAME, "pixel": [float("inf"), 0]}),
     "no such lens": ("lens", {"id": -HUGE}),
     "no such photograph": ("photo", {"view": HUGE}),
-    "a name with a folder": ("save", {"name": "../a.ply"}),
-    "an up that is none": ("ground", {"up": [0, 0, 0]}),
 }
 FOREIGN: dict[str, dict[str, str]] = {  # of a row: headers, refused with status 403
     "another host": {"Host": "evil.example"},

@@ -320,9 +320,8 @@ py::dict Solve(const py::object& on_progress,
     progress = [&](const StructureProgress& state) {
       const py::gil_scoped_acquire acquired;
       try {
-        // The structure is written only if the caller looks at it.
-        on_progress(state.registered, state.images, state.points, std::string(state.step),
-                    py::cpp_function([&state] { return WriteStructure(state.look()); }));
+        // As `OnStep` of gsut.sfm takes them.
+        on_progress(state.registered, state.images, state.points, std::string(state.step));
       } catch (py::error_already_set& error) {
         kept = new py::error_already_set(error);
         raised = true;

@@ -11,12 +11,12 @@ import dataclasses
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from gsut import _core
 from gsut.bounds import name_wrong_kinds
 from gsut.capture import Capture, capture
-from gsut.data import load_dataset
+from gsut.data import Scene, load_dataset
 from gsut.data.scene import choose_inner_views, hold_out_views
 from gsut.evaluate import write_scene_page
 from gsut.judge.checks import combine_verdicts, judge_pictures
@@ -44,13 +44,11 @@ from gsut.sfm import (
 from gsut.train import TrainResult, train
 from gsut.training.first import describe_resizing
 
-if TYPE_CHECKING:
-    from gsut.view import LiveScene
-
 PAGE = "scene.html"
 
 # Called as `on_progress(row)` with "stage", "share", "seconds_left" and "text".
 OnProgress = Callable[[dict[str, Any]], None]
+BeginWatch = Callable[[Scene, TrainOptions], Callable[..., bool] | None]
 
 
 @dataclasses.dataclass
@@ -85,7 +83,7 @@ def make_scene(
     options: SceneOptions | None = None,
     *,
     progress: bool | OnProgress = True,
-    watcher: LiveScene | None = None,
+    watch: BeginWatch | None = None,
 ) -> SceneResult:
     """Makes a scene from videos or photographs of one camera: pictures, poses, training, verdict.
 
@@ -99,7 +97,8 @@ def make_scene(
         options: every setting; None: the defaults.
         progress: True shows a bar; a function receives dicts with "stage", "share" (of everything,
             0 to 1), "seconds_left" and "text".
-        watcher: shows on a page what is found, while it is found; None: nobody looks.
+        watch: called with the dataset and the options of the training before it begins; returns
+            the `watch` of `gsut.train`.
 
     Returns:
         The folder, the figures and the verdict.
@@ -116,11 +115,11 @@ def make_scene(
     check_lens(folder.options.camera)
     with (
         claim_folder(folder.poses, "poses", folder.inputs[0]),
-        _start_bars(progress, watcher) as bars,
+        _start_bars(progress) as bars,
     ):
-        pictures = _choose_pictures(folder, bars, watcher)  # capture/: frames, a first lens
-        poses, seconds = _find_poses(folder, pictures, bars, watcher)  # sfm/: poses, the lens
-        metrics, trained = _train(folder, bars, watcher)  # train.py
+        pictures = _choose_pictures(folder, bars)  # capture/: frames, a first lens
+        poses, seconds = _find_poses(folder, pictures, bars)  # sfm/: poses, the lens
+        metrics, trained = _train(folder, bars, watch)  # train.py
         # A stage that an earlier call finished took what its figures say.
         taken = {POSES: seconds or poses["seconds"]["total"]}
         _report(folder, pictures, poses, metrics, bars, taken)  # run/: verdict; evaluate/: page
@@ -133,9 +132,7 @@ def is_scene_finished(out: str | os.PathLike[str]) -> bool:
     return figures is not None and "verdict" in figures
 
 
-def _choose_pictures(
-    folder: SceneFolder, bars: StagedProgress, watcher: LiveScene | None
-) -> Capture:
+def _choose_pictures(folder: SceneFolder, bars: StagedProgress) -> Capture:
     """Writes the pictures worth keeping below poses/."""
     o = folder.options
     if folder.changes:
@@ -148,18 +145,18 @@ def _choose_pictures(
         )  # fmt: skip
         for note in pictures.notes:
             bars.note(note)
-    if watcher is not None:
-        watcher.show_capture(pictures.path, pictures.figures["frames"])
     folder.save()
     return pictures
 
 
 def _find_poses(
-    folder: SceneFolder, pictures: Capture, bars: StagedProgress, watcher: LiveScene | None
+    folder: SceneFolder, pictures: Capture, bars: StagedProgress
 ) -> tuple[dict[str, Any], float]:
     """Finds poses and lens; returns the content of poses.json and the seconds taken here."""
     o, out = folder.options, folder.poses
-    options = add_lens_readout(PosesOptions(fov=o.fov), o.camera, pictures.figures)
+    options = add_lens_readout(
+        PosesOptions(fov=o.fov, keep_all_pixels=o.keep_all_pixels), o.camera, pictures.figures
+    )
     done = read_finished(pictures.path, out, o.camera, options)
     if done is not None:
         return done, 0.0
@@ -167,8 +164,7 @@ def _find_poses(
         bars.note("poses are found again: those in the folder are of other pictures")
     bars.note(_announce(o, pictures))
     with contextlib.closing(StageFollower(bars)) as stages:
-        show_poses = None if watcher is None else watcher.show_poses
-        log = PosesLog(stages.show, bars.note, stages.expect, show_poses)
+        log = PosesLog(stages.show, bars.note, stages.expect)
         figures = find_poses(pictures.path, out, camera=o.camera, options=options, log=log).figures
     return figures, stages.seconds
 
@@ -184,12 +180,12 @@ def _announce(options: SceneOptions, pictures: Capture) -> str:
 
 
 def _make_training_options(options: SceneOptions) -> TrainOptions:
-    o = TrainOptions(preset=options.preset)
-    return o if options.steps is None else TrainOptions(preset=options.preset, steps=options.steps)
+    given = {} if options.steps is None else {"steps": options.steps}
+    return TrainOptions(preset=options.preset, keep_all_pixels=options.keep_all_pixels, **given)
 
 
 def _train(
-    folder: SceneFolder, bars: StagedProgress, watcher: LiveScene | None
+    folder: SceneFolder, bars: StagedProgress, watch: BeginWatch | None
 ) -> tuple[dict[str, Any], TrainResult | None]:
     """Trains on the dataset in poses/; returns the content of metrics.json and the result, if this
     process made it."""
@@ -218,8 +214,8 @@ def _train(
         bars.show(done, f"step {row['step']} of {options.steps}", row["seconds_left"])
 
     with bars.stage("training"):
-        watch = None if watcher is None else watcher.begin_training(dataset, options)
-        trained = train(dataset, options, out=run.path, resume=True, progress=show, watch=watch)
+        watched = None if watch is None else watch(dataset, options)
+        trained = train(dataset, options, out=run.path, resume=True, progress=show, watch=watched)
     return trained.metrics, trained
 
 
@@ -255,18 +251,11 @@ def _report(
     folder.save()
 
 
-def _start_bars(progress: bool | OnProgress, watcher: LiveScene | None) -> StagedProgress:
-    """Returns the bar of the whole command, or what passes its states to functions."""
-    listeners = [progress] if callable(progress) else []
-    if watcher is not None:
-        listeners.append(watcher.show_progress)
-
-    def show(row: dict[str, Any]) -> None:
-        for listener in listeners:
-            listener(row)
-
+def _start_bars(progress: bool | OnProgress) -> StagedProgress:
+    """Returns the bar of the whole command, or what passes its states to a function."""
     stages = ("capture", "training", "report")  # those of `find_poses` are added
-    return StagedProgress("scene", stages, progress is True, on_progress=show)
+    on_progress = progress if callable(progress) else lambda row: None
+    return StagedProgress("scene", stages, progress is True, on_progress=on_progress)
 
 
 def _spread_over(

@@ -18,13 +18,22 @@
 #include "gsut/optimize/adam.h"
 #include "gsut/optimize/compact.h"
 #include "gsut/optimize/palette.h"
+#include "gsut/cameras/ray_jacobian.h"
+#include "gsut/projection/project_moving.h"
+#include "gsut/raster/lens_gradients.h"
+#include "gsut/raster/reference/reference.h"
+#include "gsut/raster/render.h"
+#include "gsut/raster/surroundings.h"
 #include "gsut/sfm/absolute_pose.h"
 #include "gsut/sfm/bundle.h"
 #include "gsut/sfm/match.h"
+#include "gsut/sfm/refine_structure.h"
 #include "gsut/sfm/relative_pose.h"
+#include "gsut/sfm/structure.h"
 #include "gsut/sfm/tracks.h"
 #include "gsut/surface/depth_view.h"
 #include "gsut/surface/triangle_tree.h"
+#include "random_gaussians.h"
 #include "synthetic_bundle.h"
 
 namespace gsut {
@@ -132,9 +141,172 @@ std::vector<WrongCall> ListWrongCalls() {
   };
 }
 
+// A small picture of two Gaussians, rendered for gradients, and what its calls write to.
+struct Picture {
+  Camera camera{"pinhole", {8, 8, 8, 8}, kSide, kSide};
+  testing_scenes::OwnedGaussians<float> gaussians{2}, gradients{2}, of_one{1};
+  testing_scenes::OwnedGaussians<double> exact{2}, to_exact{2}, to_one{1};
+  std::vector<float> image = std::vector<float>(3 * kSide * kSide);
+  std::vector<double> to_image = std::vector<double>(3 * kSide * kSide);
+  std::vector<std::uint8_t> touched = std::vector<std::uint8_t>(2);
+  ViewRays view = MakeViewRays(camera, Pose());
+  double numbers[64] = {};
+  float floats[64] = {};
+  Renderer renderer;
+
+  RenderJob Job() {
+    RenderJob job{camera, Pose()};
+    job.image = image.data();
+    return job;
+  }
+  Renderer* Rendered() {
+    renderer.Render(gaussians.View(), Job());
+    return &renderer;
+  }
+  void RenderWith(const std::function<void(RenderJob*)>& change) {
+    RenderJob job = Job();
+    change(&job);
+    renderer.Render(gaussians.View(), job);
+  }
+  void Backward(const ImageGradients& to_pixels, const GradientRows& rows) {
+    Rendered()->Backward(to_pixels, rows, nullptr);
+  }
+  void ExactBackward(const ReferenceGradients& to, const GaussiansView<double>& rows) {
+    RenderReferenceBackward(exact.View(), camera, Pose(), {}, to, rows, numbers);
+  }
+};
+
+std::vector<WrongCall> ListWrongRenders() {
+  static Picture p;
+  static const RayGradients none;
+  static const std::vector<int> beyond = {99};
+  static RenderSettings below_0;
+  below_0.sh_degree = -1;
+  return {
+      {"Gaussians null", [] { p.renderer.Render({.size = 2}, p.Job()); }},
+      {"Gaussians below 0", [] { p.renderer.Render({.size = -2}, p.Job()); }},
+      {"image null", [] { p.RenderWith([](RenderJob* job) { job->image = nullptr; }); }},
+      {"degree below 0",
+       [] { p.RenderWith([](RenderJob* job) { job->settings.sh_degree = -1; }); }},
+      {"channels below 0", [] { p.RenderWith([](RenderJob* job) { job->channels.count = -1; }); }},
+      {"channels null", [] { p.RenderWith([](RenderJob* job) { job->channels.count = 2; }); }},
+      {"background null",
+       [] { p.RenderWith([](RenderJob* job) {
+              job->channels = {2, p.floats, nullptr};
+            }); }},
+      {"no render before", [] { Renderer().Backward({p.floats}, {}, nullptr); }},
+      {"gradient to the image null",
+       [] {
+         p.Backward({nullptr}, {p.gradients.MutableView(), p.touched.data()});
+       }},
+      {"gradients null",
+       [] {
+         p.Backward({p.image.data()}, {{.size = 2}, p.touched.data()});
+       }},
+      {"gradients of one",
+       [] {
+         p.Backward({p.image.data()}, {p.of_one.MutableView(), p.touched.data()});
+       }},
+      {"touched null",
+       [] {
+         p.Backward({p.image.data()}, {p.gradients.MutableView(), nullptr});
+       }},
+      {"rays null", [] { p.Rendered()->Rays(nullptr, nullptr); }},
+      {"pixel beyond",
+       [] {
+         const std::uint32_t pixels[] = {kSide * kSide};
+         p.Rendered()->Jacobian(pixels, p.numbers, p.numbers);
+       }},
+      {"significance null",
+       [] { p.Rendered()->AddSignificance(nullptr, nullptr, nullptr, nullptr); }},
+      {"Fisher null", [] { p.Rendered()->AddFisher(nullptr, nullptr); }},
+      {"photograph null", [] { p.Rendered()->AddSupport(nullptr, nullptr, p.numbers); }},
+      {"map null", [] { p.Rendered()->AddFeatures(nullptr, 1, p.floats); }},
+      {"map of no values", [] { p.Rendered()->AddFeatures(p.image.data(), 0, p.floats); }},
+      {"normals of one",
+       [] { p.Rendered()->SurfaceBackward(p.image.data(), p.of_one.MutableView()); }},
+      {"exact Gaussians null", [] { RenderReference({.size = 2}, p.view, {}); }},
+      {"rays of no image", [] { RenderReference(p.exact.View(), ViewRays(), {}); }},
+      {"exact degree below 0", [] { RenderReference(p.exact.View(), p.view, below_0); }},
+      {"exact channels null",
+       [] { RenderReference(p.exact.View(), p.view, {}, nullptr, {.count = 2}); }},
+      {"exact gradient null", [] { p.ExactBackward({nullptr}, p.to_exact.MutableView()); }},
+      {"exact gradients of one",
+       [] { p.ExactBackward({p.to_image.data()}, p.to_one.MutableView()); }},
+      {"exact gradients null", [] { p.ExactBackward({p.to_image.data()}, {.size = 2}); }},
+      {"gradients of no ray", [] { ChainToLens(p.view, p.camera, Pose(), none); }},
+      {"gradients of no ray, poses",
+       [] { ChainToPoses(p.view, p.camera, Pose(), none, {}, p.numbers); }},
+      {"rays of another image",
+       [] {
+         ChainToLens(p.view, p.camera.Resized(8, 8), Pose(), {p.to_image, p.to_image});
+       }},
+      {"derivatives of rays null",
+       [] { RayJacobian(p.camera, 1, nullptr, nullptr, {}, nullptr, nullptr, nullptr); }},
+      {"derivative by no parameter",
+       [] {
+         RayJacobian(p.camera, 1, p.numbers, nullptr, beyond, p.numbers, nullptr, p.touched.data());
+       }},
+      {"surroundings null",
+       [] { ComputeSurroundings(kSide, kSide, nullptr, nullptr, nullptr, nullptr); }},
+      {"surroundings of no image",
+       [] { ComputeSurroundings(0, kSide, p.floats, p.floats, p.touched.data(), p.floats); }},
+      {"splats null", [] { Project(p.gaussians.View(), p.camera, Pose(), {}, {}, nullptr); }},
+      {"moving means null",
+       [] {
+         ProjectMoving(p.exact.View(), p.camera, Pose(), {}, nullptr, nullptr, nullptr, nullptr);
+       }},
+      {"points null", [] { p.camera.Project(2, nullptr, nullptr, nullptr); }},
+      {"pixels below 0", [] { p.camera.Unproject(-2, p.numbers, p.numbers, p.touched.data()); }},
+  };
+}
+
+// Structures and bundles whose lists do not fit each other.
+std::vector<WrongCall> ListWrongStructures() {
+  static const std::vector<Camera> cameras = {WideLens()};
+  static const std::vector<ImageFeatures> images(3);
+  static const std::vector<Pose> poses(3);
+  const auto refine = [](const std::function<void(StructureOptions*)>& change) {
+    StructureOptions options;
+    change(&options);
+    RefineStructure(cameras, images, {}, poses, {}, options, {});
+  };
+  return {
+      {"no cameras", [] { EstimatePoses({}, images, {}, {}, {}); }},
+      {"poses of no image", [] { RefineStructure(cameras, images, {}, {}, {}, {}, {}); }},
+      {"pair of unknown images",
+       [] {
+         std::vector<VerifiedPair> pairs(1);
+         pairs[0].second = 9;
+         pairs[0].matches.resize(1);
+         EstimatePoses(cameras, images, pairs, {}, {});
+       }},
+      {"readouts of one image",
+       [=] { refine([](StructureOptions* options) { options->image_readouts = {1.0}; }); }},
+      {"places of one image", [=] { refine([](StructureOptions* o) { o->places.resize(1); }); }},
+      {"stated point of no image",
+       [=] { refine([](StructureOptions* o) {
+               o->stated_points = {{{9, 0}, {}, {}}};
+             }); }},
+      {"turn of no image",
+       [=] { refine([](StructureOptions* o) { o->turns.resize(1), o->turns[0].second = 9; }); }},
+      {"mounts without priors",
+       [] {
+         Bundle bundle;
+         bundle.camera_from_body.resize(2);
+         BundleOptions options;
+         options.mount_priors.resize(1);
+         AdjustBundle(&bundle, options);
+       }},
+  };
+}
+
 TEST(WrongArgumentsTest, EveryCallRaisesInputError) {
-  const std::vector<WrongCall> calls = ListWrongCalls();
-  ASSERT_GT(calls.size(), 35u);
+  std::vector<WrongCall> calls = ListWrongCalls();
+  for (const auto& list : {ListWrongRenders(), ListWrongStructures()}) {
+    calls.insert(calls.end(), list.begin(), list.end());
+  }
+  ASSERT_GT(calls.size(), 80u);
   for (const WrongCall& wrong : calls) EXPECT_THROW(wrong.call(), InputError) << wrong.name;
 }
 

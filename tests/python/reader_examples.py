@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import importlib
 import json
+import pickle
 import pkgutil
+import zipfile
 from collections.abc import Callable
+from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 from typing import Any, NamedTuple
@@ -44,6 +47,7 @@ from gsut.render.confidence import Confidence
 from gsut.run.checkpoint import read_checkpoint, write_checkpoint
 from gsut.run.folder import RunFolder, read_run_json
 from gsut.run.history import read_history
+from gsut.sfm.learned.weights import read_tensors
 from gsut.sfm.photographs.moments import read_turns
 from gsut.sfm.report.output import read_figures
 from gsut.sfm.world import read_positions
@@ -233,6 +237,15 @@ def write_control(file: Path) -> None:
     file.write_text("\n".join(rows) + "\n")
 
 
+def write_tensors(file: Path) -> None:
+    """Writes an archive as torch does: a pickle of names and keys, and an array a key."""
+    with zipfile.ZipFile(file, "w") as archive:
+        names = [("skip1.1.weight", "0"), ("skip1.1.bias", "1")]
+        archive.writestr("archive/data.pkl", pickle.dumps(names, protocol=2))
+        for _, key in names:
+            archive.writestr(f"archive/data/{key}", np.ones(6, "<f4").tobytes())
+
+
 TREE = {"axis": 0, "at": 1.5, "below": None, "above": None}
 # Reader -> its example; see `gsut.files.register_reader`.
 EXAMPLES: dict[str, Make] = {
@@ -315,6 +328,7 @@ EXAMPLES: dict[str, Make] = {
     "poses.txt": write_data(small_datasets.write_folder, "poses.txt"),
     "EuRoC data.csv": write_data(small_recordings.write_euroc, "data.csv"),
     "EuRoC sensor.yaml": write_data(small_recordings.write_euroc, "sensor.yaml"),
+    "weights of learned features": write_by("a.pt", write_tensors, read_tensors),
     # Of binary files, which tests/python/malformed.py damages, too.
     **{
         name: write_by(file, write_scene, read_scene)
@@ -365,9 +379,11 @@ EXAMPLES: dict[str, Make] = {
         "a.srt", write_subtitles, lambda file: read_film_facts(file.with_suffix(".mp4"))
     ),
 }  # fmt: skip
-# Of a library that may take minutes over its own damaged files; of one file, whose digest is
-# checked before anything of it is parsed.
-WITHOUT = {"USD", "weights of learned features"}
+# Of a library that may not be here.
+WITHOUT = {"USD"}
+if find_spec("pxr"):
+    EXAMPLES["USD"] = write_by("s.usdc", write_scene, formats.load_gaussians)
+    WITHOUT = set()
 
 
 def import_all(package: ModuleType) -> None:

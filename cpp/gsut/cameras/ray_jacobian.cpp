@@ -6,6 +6,8 @@
 #include <algorithm>
 #include <vector>
 
+#include "gsut/base/check_arguments.h"
+
 namespace gsut {
 namespace {
 
@@ -51,6 +53,9 @@ void Shifts(const Camera& camera, std::int64_t count, const double* points,
 void RayJacobian(const Camera& camera, std::int64_t count, const double* rays,
                  const double* origins, std::span<const int> chosen, double* drays,
                  double* dorigins, std::uint8_t* valid) {
+  CheckArray(rays, count, "rays");
+  CheckArray(drays, count, "drays");
+  CheckArray(valid, count, "valid");
   const std::size_t n = static_cast<std::size_t>(count);
   const std::size_t length = 3 * n * chosen.size();
   std::fill_n(valid, n, std::uint8_t{1});

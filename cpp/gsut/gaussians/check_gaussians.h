@@ -3,6 +3,7 @@
 
 #include <cstdint>
 
+#include "gsut/base/errors.h"
 #include "gsut/gaussians/gaussians.h"
 
 namespace gsut {
@@ -16,6 +17,17 @@ template <class T>
 void CheckGaussians(const GaussiansView<T>& g) {
   CheckGaussianArrays(g.size, g.sh_coefficients,
                       g.means && g.quats && g.log_scales && g.opacity_logits && g.sh);
+}
+
+// Throws InputError unless gradients have an array each and are shaped like the Gaussians.
+template <class T>
+void CheckGradients(const GaussiansView<T>& gradients, const GaussiansView<const T>& of) {
+  CheckGaussians(gradients);
+  if (gradients.size == of.size && gradients.sh_coefficients == of.sh_coefficients &&
+      gradients.is_linear == of.is_linear) {
+    return;
+  }
+  throw InputError("gradients must be shaped like the rendered Gaussians");
 }
 
 }  // namespace gsut

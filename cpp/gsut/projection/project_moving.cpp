@@ -7,7 +7,9 @@
 #include <numeric>
 #include <vector>
 
+#include "gsut/base/check_arguments.h"
 #include "gsut/base/parallel.h"
+#include "gsut/gaussians/check_gaussians.h"
 #include "gsut/projection/unscented_scalar.h"
 
 namespace gsut {
@@ -62,6 +64,11 @@ void PlaceOnLines(const Camera& camera, const CameraMotion& motion, std::int64_t
 void ProjectMoving(const GaussiansView<const double>& gaussians, const Camera& camera,
                    const CameraMotion& motion, const UnscentedOptions& options, double* means,
                    double* covariances, std::uint8_t* valid, std::uint8_t* converged) {
+  CheckGaussians(gaussians);
+  CheckArray(means, gaussians.size, "means");
+  CheckArray(covariances, gaussians.size, "covariances");
+  CheckArray(valid, gaussians.size, "valid");
+  CheckArray(converged, gaussians.size, "converged");
   const UnscentedWeights weights = MakeUnscentedWeights(options);
   std::fill_n(converged, gaussians.size, std::uint8_t{1});
   const auto through = [&](std::int64_t first, std::int64_t count, const double* points,

@@ -2,6 +2,7 @@
 #include "gsut/raster/blend_rule.h"
 
 #include <sstream>
+#include <string>
 
 #include "gsut/base/errors.h"
 
@@ -47,6 +48,13 @@ void BlendRule::Check() const {
   Require(transmittance_min >= 0.0 && transmittance_min < 1.0, "transmittance_min",
           transmittance_min, "in [0, 1)");
   Require(near_z <= far_z, "near_z", near_z, "a number, at most far_z");
+}
+
+void RenderSettings::Check() const {
+  rule.Check();
+  if (sh_degree < 0) {
+    throw InputError("sh_degree is " + std::to_string(sh_degree) + "; it must be at least 0");
+  }
 }
 
 }  // namespace gsut

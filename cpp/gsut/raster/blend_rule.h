@@ -56,6 +56,9 @@ struct RenderSettings {
   double background[3] = {0.0, 0.0, 0.0};
   // Harmonics above this degree are ignored (training switches them on one by one).
   int sh_degree = 3;
+
+  // Throws InputError unless the rule can be (see BlendRule::Check) and the degree is at least 0.
+  void Check() const;
 };
 
 }  // namespace gsut

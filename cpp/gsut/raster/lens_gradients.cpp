@@ -24,6 +24,7 @@ std::vector<double> ChainToLens(const ViewRays& view, const Camera& camera,
   std::iota(all.begin(), all.end(), 0);
   const std::size_t width = static_cast<std::size_t>(view.width);
   const bool has_origins = !table.origins.empty();
+  CheckRayGradients(view, camera, gradients, has_origins);
   std::vector<std::vector<double>> rows(static_cast<std::size_t>(view.height));
   ParallelFor(view.height, 1, [&](std::int64_t y, std::int64_t) {
     std::vector<double>& sum = rows[static_cast<std::size_t>(y)];

@@ -53,11 +53,10 @@ void Renderer::Render(const GaussiansView<const float>& gaussians, const RenderJ
   rendered_ = along_rays_ = stepped_ = false;
   CheckGaussians(gaussians);
   CheckGiven(job.image, "image");
-  if (job.channels.count < 0) throw InputError("the number of channels is below 0");
-  if (job.channels.count > 0) CheckArray(job.channels.values, gaussians.size, "channels");
+  job.channels.Check(gaussians.size);
   const BlendRule rule = rule_ = job.settings.rule.For(gaussians.order);
   const bool along_ray = rule.order == OrderKey::kRay;
-  rule.Check();
+  job.settings.Check();
   CheckRule(gaussians, rule.order, job.channels.count > 0);
   ActiveIsa();  // applies GSUT_ISA before the first kernel runs
   timings_.clear();

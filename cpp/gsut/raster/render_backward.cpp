@@ -6,6 +6,7 @@
 #include "gsut/base/check_arguments.h"
 #include "gsut/base/errors.h"
 #include "gsut/base/parallel.h"
+#include "gsut/gaussians/check_gaussians.h"
 #include "gsut/raster/central/kernels.h"
 #include "gsut/raster/lines/kernels.h"
 #include "gsut/raster/render.h"
@@ -102,7 +103,8 @@ void Renderer::BackwardOfTile(int tile, const ImageGradients& to_image, RayGradi
 void Renderer::AddFeatures(const float* map, int count, float* sums) {
   CheckKept(rendered_ && !stepped_,
             "features are lifted after a render, made with keep_for_backward");
-  CheckArray(map, count, "map");
+  CheckGiven(map, "map");
+  if (count < 1) throw InputError("a map has at least one value a pixel");
   CheckArray(sums, task_.gaussians.size, "sums");
   if (lines_ == nullptr) RenderAsLines();
   AddOverTiles(
@@ -139,11 +141,8 @@ void Renderer::CheckBackward(const ImageGradients& to_image, const GradientRows&
   if (to_image.HasDepth() && !task_.with_depth) {
     throw InputError("a gradient to depth or distortion needs a render with_depth");
   }
-  if (to.rows.size != task_.gaussians.size ||
-      to.rows.sh_coefficients != task_.gaussians.sh_coefficients ||
-      to.rows.is_linear != task_.gaussians.is_linear) {
-    throw InputError("gradients must be shaped like the rendered Gaussians");
-  }
+  CheckGradients(to.rows, task_.gaussians);
+  CheckArray(to.touched, to.rows.size, "touched");
   if ((to_image.error != nullptr) != (to.error_sums != nullptr) ||
       (to_image.error != nullptr && (!is_plain || to_image.channels != nullptr))) {
     throw InputError(

@@ -8,6 +8,7 @@
 #include <utility>
 #include <vector>
 
+#include "gsut/base/check_arguments.h"
 #include "gsut/base/parallel.h"
 
 namespace gsut {
@@ -143,6 +144,11 @@ Level KnownPixels(int width, int height, const float* image, const float* alpha,
 // The finest level never enters the way back: what is filled in stays soft.
 bool ComputeSurroundings(int width, int height, const float* image, const float* alpha,
                          const std::uint8_t* valid, float* behind) {
+  if (width < 1 || height < 1) throw InputError("an image has at least one pixel");
+  CheckGiven(image, "image");
+  CheckGiven(alpha, "alpha");
+  CheckGiven(valid, "valid");
+  CheckGiven(behind, "behind");
   const std::size_t count = static_cast<std::size_t>(width) * height;
   // Nothing is open in most photographs: the pyramid is built only where it shows.
   bool open = false;

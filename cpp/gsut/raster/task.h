@@ -4,6 +4,7 @@
 
 #include <cstdint>
 
+#include "gsut/base/check_arguments.h"
 #include "gsut/gaussians/gaussians.h"
 #include "gsut/gaussians/harmonics_step.h"
 #include "gsut/projection/view.h"
@@ -17,6 +18,14 @@ struct Channels {
   int count = 0;                  // D; 0: none
   const T* values = nullptr;      // (N, D)
   const T* background = nullptr;  // (D): what shows where nothing is
+
+  // Throws InputError unless there is a row of them for each Gaussian.
+  void Check(std::int64_t gaussians) const {
+    if (count < 0) throw InputError("the number of channels is below 0");
+    if (count == 0) return;
+    CheckArray(values, gaussians, "channels");
+    CheckGiven(background, "background of the channels");
+  }
 };
 
 // What the kernels need to know of one frame.

@@ -4,7 +4,9 @@
 #include <Eigen/Geometry>
 #include <algorithm>
 #include <cmath>
+#include <string>
 
+#include "gsut/base/check_arguments.h"
 #include "gsut/base/parallel.h"
 
 namespace gsut {
@@ -26,6 +28,30 @@ std::vector<Pose> LinePoses(const Camera& camera, const CameraMotion& motion) {
 }
 
 }  // namespace
+
+void CheckViewRays(const ViewRays& view) {
+  const auto fits = [&](std::size_t size, std::size_t row) {
+    return view.width > 0 && view.height > 0 &&
+           size == row * static_cast<std::size_t>(view.width) * view.height;
+  };
+  if (fits(view.valid.size(), 1) && fits(view.rays.size(), 3) &&
+      (view.origins.empty() || fits(view.origins.size(), 3))) {
+    return;
+  }
+  throw InputError("rays, origins and valid must have a row a pixel of a " +
+                   std::to_string(view.width) + " x " + std::to_string(view.height) + " image");
+}
+
+void CheckRayGradients(const ViewRays& view, const Camera& camera, const RayGradients& gradients,
+                       bool with_origins) {
+  CheckViewRays(view);
+  if (view.width == camera.width() && view.height == camera.height() &&
+      gradients.rays.size() == view.rays.size() &&
+      (!with_origins || gradients.origins.size() == view.rays.size())) {
+    return;
+  }
+  throw InputError("gradients to rays must be shaped like the rays of the camera's image");
+}
 
 bool HasOneCenter(const Camera& camera, const CameraMotion& motion) {
   return motion.shutter.IsGlobal() && camera.IsCentral();
@@ -75,6 +101,8 @@ ViewRays MakeViewRays(const Camera& camera, const CameraMotion& motion) {
 //   3. the colours, shaded from the reference alone, do the same at the time of the middle.
 void ChainToPoses(const ViewRays& view, const Camera& camera, const CameraMotion& motion,
                   const RayGradients& gradients, const ShadingGradient& shading, double* dpose) {
+  CheckRayGradients(view, camera, gradients, true);
+  CheckGiven(dpose, "dpose");
   const RayTable& table = camera.Rays();
   const std::vector<Pose> poses = LinePoses(camera, motion);
   std::vector<Vector6d> sums(poses.size(), Vector6d::Zero());

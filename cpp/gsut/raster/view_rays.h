@@ -39,6 +39,11 @@ struct ShadingGradient {
   Eigen::Vector3d axis = Eigen::Vector3d::Zero();
 };
 
+// Throws InputError unless rays have a row a pixel, and gradients are shaped like them.
+void CheckViewRays(const ViewRays& view);
+void CheckRayGradients(const ViewRays& view, const Camera& camera, const RayGradients& gradients,
+                       bool with_origins);
+
 // Whether all rays of an image start at one point: then no ViewRays are needed.
 bool HasOneCenter(const Camera& camera, const CameraMotion& motion);
 

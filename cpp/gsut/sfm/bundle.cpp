@@ -60,6 +60,9 @@ void CheckMotions(const Bundle& bundle, const BundleOptions& options) {
   if (!options.mount_free.empty() && static_cast<int>(options.mount_free.size()) != mounts) {
     throw InputError("mount_free must be empty or have one flag a mount");
   }
+  if (!options.mount_priors.empty() && static_cast<int>(options.mount_priors.size()) != mounts) {
+    throw InputError("mount_priors must be empty or have one pose a mount");
+  }
   for (const TurnPrior& turn : options.turn_priors) {
     const auto inside = [&](int image) { return image >= 0 && image < static_cast<int>(images); };
     if (!inside(turn.first) || !inside(turn.second) || turn.first == turn.second || mounts > 0 ||

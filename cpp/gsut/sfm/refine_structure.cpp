@@ -64,17 +64,11 @@ void CheckRig(const Rig& rig, const std::vector<std::uint8_t>& registered, std::
   }
 }
 
-void Check(const std::vector<Camera>& cameras, const std::vector<ImageFeatures>& images,
-           const std::vector<Pose>& poses) {
+void CheckPoses(const std::vector<ImageFeatures>& images, const std::vector<Pose>& poses) {
   if (images.size() < 2 || poses.size() != images.size()) {
     throw InputError("poses of at least two images are needed, found " +
                      std::to_string(poses.size()) + " poses of " + std::to_string(images.size()) +
                      " images");
-  }
-  for (const ImageFeatures& image : images) {
-    if (image.camera >= 0 && image.camera < static_cast<int>(cameras.size())) continue;
-    throw InputError("an image names camera " + std::to_string(image.camera) + " of " +
-                     std::to_string(cameras.size()));
   }
 }
 
@@ -82,7 +76,7 @@ void ReportProgress(const SceneMap& map, const char* step,
                     const std::function<bool(const StructureProgress&)>& on_progress) {
   if (!on_progress) return;
   const StructureProgress progress = {map.num_registered(), map.num_images(), map.num_points(),
-                                      step, [&map] { return map.Result(false); }};
+                                      step};
   if (!on_progress(progress)) throw SolveError("stopped");
 }
 
@@ -107,7 +101,8 @@ Structure RefineStructure(const std::vector<Camera>& cameras,
                           const std::vector<std::uint8_t>& registered,
                           const StructureOptions& options,
                           const std::function<bool(const StructureProgress&)>& on_progress) {
-  Check(cameras, images, camera_from_world);
+  CheckStructure(cameras, images, options);
+  CheckPoses(images, camera_from_world);
   CheckRig(options.rig, registered, images.size());
   // Rounds of: complete tracks, adjust, drop what is off; from loose to tight.
   StructureOptions current = options;  // the map reads its largest error in every round

@@ -8,7 +8,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from gsut.cli._flags import Number, add_json, positive, print_result
+from gsut.cli._flags import Number, add_json, print_result
 from gsut.files import refuse_existing
 from gsut.system import format_command
 
@@ -79,12 +79,6 @@ def _add_convert(actions: Any) -> None:
         metavar="DEGREES",
         help="leave out what is farther from the axis [default: the whole image]",
     )
-    convert.add_argument(
-        "--distance",
-        type=positive,
-        metavar="UNITS",
-        help="where both lenses are to agree, if the rays of one do not meet [default: far away]",
-    )
     add_json(convert)
     convert.set_defaults(action=_convert)
 
@@ -96,7 +90,7 @@ def _convert(arguments: argparse.Namespace) -> int:
         refuse_existing(Path(arguments.out), " with -o")
     camera = load_camera(arguments.lens, camera_id=arguments.camera_id)
     limit = None if arguments.max_angle is None else math.radians(arguments.max_angle)
-    conversion = convert_camera(camera, arguments.model, limit, distance=arguments.distance)
+    conversion = convert_camera(camera, arguments.model, limit)
     if arguments.out is not None:
         save_camera(conversion.camera, arguments.out)
     lens = conversion.camera

@@ -13,7 +13,6 @@ from gsut.cli._flags import (
     add_json,
     add_quiet,
     add_run,
-    count,
     finite,
     positive,
     print_result,
@@ -69,10 +68,6 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "no check]",
     )  # fmt: skip
     parser.add_argument(
-        "--max-side", type=count, default=1024, metavar="PIXELS",
-        help="longer side of the depth maps [default 1024]",
-    )  # fmt: skip
-    parser.add_argument(
         "--holes", type=Number(0, whole=True), default=0, metavar="N",
         help="close holes of up to N edges [default 0: none]",
     )  # fmt: skip
@@ -96,7 +91,6 @@ def run(arguments: argparse.Namespace) -> int:
         voxel=arguments.voxel,
         support=arguments.support,
         refine=arguments.refine,
-        max_side=arguments.max_side,
         photographs=arguments.photographs,
         holes=arguments.holes,
         crop=None if arguments.crop is None else np.array(arguments.crop),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from gsut.cli._flags import add_json, add_quiet, print_result, read_folder_name
 from gsut.cli.view import LivePage, add_live_flags
@@ -35,6 +34,9 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     )
     add_option_flags(parser, SceneOptions)
     add_live_flags(parser)
+    parser.add_argument(
+        "--no-open", action="store_true", help="do not open the page of --view in a browser"
+    )
     add_quiet(parser)
     add_json(parser)
 
@@ -46,11 +48,10 @@ def run(arguments: argparse.Namespace) -> int:
     options = SceneOptions(**collect_given(SceneOptions, arguments))
     was_finished = is_scene_finished(arguments.out)
     with LivePage(arguments) as page:
-        watcher = None if was_finished else page.open(Path(arguments.out).resolve().name)
         try:
             result = gsut.scene(
                 arguments.inputs, arguments.out, options, progress=not arguments.quiet,
-                watcher=watcher,
+                watch=page.begin_training,
             )  # fmt: skip
         except KeyboardInterrupt as interrupt:
             scene_kept = f"; {interrupt}" if str(interrupt) else ""

@@ -156,8 +156,7 @@ def train_into(
                 scene, options, blocks, out=run.path, resume=resume, progress=not quiet
             )
         else:
-            live = None if page is None else page.open(scene.path.resolve().name)
-            watch = None if live is None else live.begin_training(scene, options)
+            watch = None if page is None else page.begin_training(scene, options)
             result = gsut.train(
                 scene, options, out=run.path, resume=resume, progress=not quiet, watch=watch
             )

@@ -58,7 +58,7 @@ def open_server(routes: dict[str, Any], arguments: argparse.Namespace, file: Tex
     address = arguments.serve
     server = ViewServer(routes, *(address or ()))
     print(f"gsut view: {server.address} (Ctrl-C ends it)", file=file, flush=True)
-    if address is None and has_display():
+    if address is None and not getattr(arguments, "no_open", False) and has_display():
         webbrowser.open(server.address)
     return server
 
@@ -85,9 +85,8 @@ def add_live_flags(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--view",
         action="store_true",
-        help="serve a page that shows at once what is being done, cameras and points as they are "
-        "found, and the scene while it trains; it can pause the training, or stop it and keep what "
-        "there is; it stays until Ctrl-C",
+        help="serve a page that shows the scene while it trains; it can pause the training, or "
+        "stop it and keep what there is; it stays until Ctrl-C",
     )
     add_serve(parser)
 
@@ -97,42 +96,34 @@ class LivePage:
 
     Args:
         arguments: of `add_live_flags`.
-
-    Attributes:
-        live: what the page shows; None: there is no page.
     """
 
     def __init__(self, arguments: argparse.Namespace) -> None:
-        self.live: Any = None
+        self._live: Any = None
         self._arguments = arguments
         if arguments.serve is not None and not arguments.view:
             raise InputError("--serve says where the page of --view is served; add --view")
         self._stack = contextlib.ExitStack()
 
-    def open(self, name: str) -> Any:
-        """Starts to serve the page of a scene of this name; returns `live`."""
+    def begin_training(self, scene: Any, options: Any) -> Any:
+        """Starts to serve the page of a training; returns the `watch` of `gsut.train`."""
         if not self._arguments.view:
             return None
-        from gsut.view import LiveScene
+        from gsut.view import LiveTraining
 
-        self.live = LiveScene(name)
-        server = open_server(self.live.routes, self._arguments, sys.stderr)
+        self._live = LiveTraining(scene, options)
+        server = open_server(self._live.session.routes, self._arguments, sys.stderr)
         self._stack.enter_context(server)
-        return self.live
+        return self._live.watch
 
     def finish(self, result: Any) -> None:
-        """Shows what `gsut.train` gave; None: it was finished before, and the page ends."""
-        if self.live is None:
-            return
-        if result is None:
-            self._stack.close()
-            self.live = None
-        else:
-            self.live.finish(result.gaussians)
+        """Shows what `gsut.train` gave."""
+        if self._live is not None:
+            self._live.finish(result.gaussians)
 
     def stay(self) -> None:
         """Waits for Ctrl-C if there is a page."""
-        if self.live is not None:
+        if self._live is not None:
             sys.stdout.flush()
             wait_for_end()
 

@@ -147,8 +147,9 @@ def run_mapping(
     """
     with claim_folder(out, "poses", images) as claimed:
         stages = Stages(claimed.path, _make_key(mapping, claimed.path))
-        masked = mask_fixed_pixels(mapping.photographs, claimed.path, mapping.log.note)
-        mapping = mapping.replace(photographs=masked)
+        if not mapping.options.keep_all_pixels:
+            masked = mask_fixed_pixels(mapping.photographs, claimed.path, mapping.log.note)
+            mapping = mapping.replace(photographs=masked)
         with _set_threads(mapping.options.threads):
             mapping = find(_find_matches(mapping, stages))
             mapping.log.watch.record_lap("mapping")

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-from gsut.bounds import FARTHEST, check_direction
+from gsut.bounds import FARTHEST
 from gsut.data.poses import check_rigid
 from gsut.files import Number
 from gsut.orientation import turn_camera, turn_pixel, turn_size
@@ -30,15 +30,12 @@ NONE = type(None)
 POSE = Number(shape=(16,))
 TURNS = Number(0, 3, whole=True)
 SIZE = {"lens": Number(whole=True), "width": Number(whole=True), "height": Number(whole=True)}
-POINT = Number(-FARTHEST, FARTHEST, shape=(3,))
-BOX = (NONE, Number(-FARTHEST, FARTHEST, shape=(2, 3)))
 _VIEW = (NONE, Number(whole=True))
 FRAME = SIZE | {
-    "pose": POSE, "mode?": str, "view?": _VIEW, "shutter?": _VIEW, "crop?": BOX,
-    "layers?": [frozenset({"cameras", "points", "domain", "axes", "box"})],
+    "pose": POSE, "mode?": str, "view?": _VIEW, "shutter?": _VIEW,
+    "layers?": [frozenset({"cameras", "points", "domain"})],
     "marks?": Number(-FARTHEST, FARTHEST, shape=(None, 3)), "quality?": (NONE, Number(5, 100)),
-    "share?": Number(), "clean?": bool, "turns?": TURNS, "edits?": (NONE, str),
-    "ground?": (NONE, Number(-FARTHEST, FARTHEST, shape=(4,))),
+    "share?": Number(), "turns?": TURNS, "edits?": (NONE, str),
 }  # fmt: skip
 
 
@@ -53,16 +50,12 @@ class FrameRequest:
         mode: one of MODES.
         view: the photograph whose pose this is, or None.
         shutter: the photograph whose rolling shutter is used, or None.
-        layers: names of what is drawn over it: cameras, points, domain, axes, box.
-        crop: (2, 3) lower and upper corner of the box in `ShownGaussians.axes`, or None.
+        layers: names of what is drawn over it: cameras, points, domain.
         marks: (n, 3) measured points.
         quality: of the JPEG; None: a lossless PNG.
         share: of the Gaussians, the most visible ones; below 1 while the eye moves.
-        clean: leave floaters out, once `ShownGaussians.floaters` is known.
         turns: quarter turns clockwise from the image, whose pose, lens and size these are, to the
             picture on the page.
-        ground: (4,) a plane's normal n and d, with n . x = d on it, that the layer "axes" draws;
-            None: across `ShownGaussians.axes` through the scene's middle.
         edits: key of the edits by hand, see `Selections`; None: none.
     """
 
@@ -74,12 +67,9 @@ class FrameRequest:
     view: int | None = None
     shutter: int | None = None
     layers: frozenset[str] = frozenset()
-    crop: np.ndarray | None = None
     marks: np.ndarray | None = None
     quality: int | None = FULL_QUALITY
     share: float = 1.0
-    clean: bool = False
-    ground: np.ndarray | None = None
     turns: int = 0
     edits: str | None = None
 
@@ -111,10 +101,6 @@ class FrameRequest:
         )
         mode, share = values.get("mode", "color"), values.get("share", 1.0)
         quality = values.get("quality", FULL_QUALITY)
-        crop, ground = (
-            None if values.get(key) is None else np.array(values[key], np.float64)
-            for key in ("crop", "ground")
-        )
         marks = np.array(values.get("marks", []), np.float64).reshape(-1, 3)
         if mode not in MODES:
             raise InputError(f"there is no mode {mode!r}; known: {', '.join(MODES)}")
@@ -125,11 +111,8 @@ class FrameRequest:
             raise InputError(f"share must be one of {SHARES}, found {share}")
         if len(marks) > _MOST_MARKS:
             raise InputError(f"at most {_MOST_MARKS} points are marked, found {len(marks)}")
-        if ground is not None:
-            check_direction(ground[:3], "the ground's normal")
         return cls(
             turn_camera(pose, -turns), int(values["lens"]), width, height, mode, view, shutter,
-            frozenset(values.get("layers", ())), crop, marks,
-            None if quality is None else int(quality), share, values.get("clean", False), ground,
-            turns, values.get("edits") or None,
+            frozenset(values.get("layers", ())), marks, None if quality is None else int(quality),
+            share, turns, values.get("edits") or None,
         )  # fmt: skip

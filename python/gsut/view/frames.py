@@ -14,7 +14,6 @@ from gsut.gaussians import (
     SH_C0,
     Gaussians,
     StoredGaussians,
-    rotate_upright,
 )
 from gsut.lens import Camera
 from gsut.orientation import turn_picture
@@ -30,9 +29,7 @@ from gsut.view.frame_request import FULL_QUALITY, FrameRequest
 from gsut.view.lenses import Lenses
 from gsut.view.measure import SEEN, find_point_at
 from gsut.view.overlays import (
-    draw_box,
     draw_cameras,
-    draw_grid,
     draw_marks,
     draw_points,
     mark_without_ray,
@@ -104,13 +101,6 @@ class Frames:
             draw_points(image, camera, pose, scene.points, scene.point_colors)
         if scene is not None and "cameras" in layers:
             draw_cameras(image, camera, pose, scene, request.view)
-        if "axes" in layers:
-            axes, middle = self._find_ground_axes(request.ground)
-            draw_grid(image, camera, pose, axes * self.shown.extent, middle)
-        if request.crop is not None and "box" in layers:
-            sides = (np.arange(8)[:, None] >> np.arange(3)) & 1
-            corners = request.crop[sides, np.arange(3)] * self.shown.extent
-            draw_box(image, camera, pose, corners @ self.shown.axes + self.shown.center)
         if request.marks is not None and len(request.marks):
             draw_marks(image, camera, pose, request.marks)
         self._release_large(camera)
@@ -238,15 +228,6 @@ class Frames:
             return image
         index = scene.views[view].camera_index
         return image * light.on(camera, view, index) if request.lens == index else image
-
-    def _find_ground_axes(self, ground: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
-        """Returns axes (3, 3) and middle (3,) of the ground, or of the scene without one."""
-        axes, center = self.shown.axes, self.shown.center
-        if ground is None:
-            return axes, center
-        turn = rotate_upright(axes[1]).T @ rotate_upright(ground[:3])
-        height = ground[3] - ground[:3] @ center
-        return axes @ turn, center + height * ground[:3]
 
 
 def _draw_normals(

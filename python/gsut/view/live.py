@@ -55,7 +55,8 @@ class LiveTraining:
 
     def __init__(self, scene: Scene, options: TrainOptions) -> None:
         scene = prepare_scene(scene, options)
-        self._stage = Stage(scene.path.resolve().name, "training", None, scene, options.background)
+        name = "/".join(scene.path.resolve().parts[-2:])
+        self._stage = Stage(name, "training", None, scene, options.background)
         self._steps, self._step, self._refines = options.steps, 0, options.refine_poses
         self._history: list[dict[str, Any]] = []
         self._jobs: queue.Queue[_Job] = queue.Queue()

@@ -1,4 +1,4 @@
-"""Draws over a frame through its own lens: cameras, points, marks, the crop box."""
+"""Draws over a frame through its own lens: cameras, points, marks."""
 
 from __future__ import annotations
 
@@ -23,14 +23,6 @@ _TRAINING = (96, 165, 250)
 _HELD_OUT = (251, 146, 60)
 # Colour of marks.
 _MARK = (52, 211, 153)
-# Colour of the crop box.
-_BOX = (244, 114, 182)
-# Colour of the ground's grid.
-_GRID = (120, 130, 145)
-# Lines of the grid in each direction.
-_GRID_LINES = 11
-# Pairs of corners that differ in one axis.
-_BOX_EDGES = [(a, b) for a in range(8) for b in range(a + 1, 8) if (a ^ b) in (1, 2, 4)]
 
 
 def draw_lines(
@@ -139,25 +131,8 @@ def draw_marks(image: np.ndarray, camera: Camera, pose: np.ndarray, marks: np.nd
             cv2.circle(image, (x, y), 5, _MARK, 2, cv2.LINE_AA)
 
 
-def draw_box(image: np.ndarray, camera: Camera, pose: np.ndarray, corners: np.ndarray) -> None:
-    """Draws a box; corners (8, 3): bit k of a corner's number is its side on axis k."""
-    starts, ends = (corners[[edge[side] for edge in _BOX_EDGES]] for side in (0, 1))
-    draw_lines(image, camera, pose, starts, ends, [_BOX] * len(_BOX_EDGES))
-
-
 def mark_without_ray(image: np.ndarray, valid: Any) -> None:
     """Marks the pixels that have no ray by stripes."""
     rows, columns = np.nonzero(~np.asarray(valid, bool))
     stripe = ((rows + columns) // 6) % 2
     image[rows, columns] = np.where(stripe[:, None], (70, 40, 48), (40, 24, 30)).astype(np.uint8)
-
-
-def draw_grid(
-    image: np.ndarray, camera: Camera, pose: np.ndarray, axes: np.ndarray, middle: np.ndarray
-) -> None:
-    """Draws a grid on the plane through `middle` along the first and last of `axes` (3, 3)."""
-    places = np.linspace(-1, 1, _GRID_LINES)
-    starts = [(x, 0, -1) for x in places] + [(-1, 0, z) for z in places]
-    ends = [(x, 0, 1) for x in places] + [(1, 0, z) for z in places]
-    begin, end = (np.array(side) @ axes + middle for side in (starts, ends))
-    draw_lines(image, camera, pose, begin, end, [_GRID] * len(starts))

@@ -37,8 +37,8 @@ _MODES = ("color", "distance", "alpha", "error")
 _COLOR_MAPS = ("turbo", "inferno")
 # The page's scripts, in the order in which they run.
 _SCRIPTS = (
-    "exact/core.js", "exact/card.js", "exact/moving.js", "exact/page_edits.js",
-    "exact/page_server.js", "select.js", "view.js",
+    "exact/core.js", "exact/card.js", "exact/moving.js", "exact/page_server.js", "select.js",
+    "view.js",
 )  # fmt: skip
 # Texts that these hand on: workers run scripts of their own, a graphics card runs shaders.
 _TEXTS = ("exact/worker.js", "exact/order.js", "exact/forward.wgsl", "exact/moving.glsl")
@@ -276,8 +276,8 @@ def _describe(session: Any, rows: list[int]) -> dict[str, Any]:
     stage = session.stage
     scene = dict(session.describe_scene({}).content)
     scene |= {
-        "alone": True, "modes": _MODES, "folder": None, "num_points": 0, "live": False,
-        "kind": "file", "selectable": True, "views": [scene["views"][row] for row in rows],
+        "alone": True, "modes": _MODES, "num_points": 0, "live": False, "kind": "file",
+        "selectable": False, "views": [scene["views"][row] for row in rows],
     }  # fmt: skip
     lenses = [
         {**_describe_lens(camera), "turns": shown["turns"]}

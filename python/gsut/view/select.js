@@ -85,7 +85,7 @@ function showEdits() {
   for (const id of ["edit-delete", "edit-keep", "edit-clear"]) $(id).disabled = !selected;
   $("undo").disabled = !steps.length;
   $("redo").disabled = !undone.length;
-  $("edit-file").disabled = $("edit-scene").disabled = !steps.length;
+  $("edit-file").disabled = !steps.length;
 }
 function setSelecting(on) {
   if (!scene.selectable || edits.on === on) return;
@@ -102,14 +102,9 @@ function takeTool(tool) {
   $("brush-row").hidden = tool !== "brush";
   $("canvas").classList.toggle("selecting", edits.on && tool !== "move");
 }
-async function saveSelection() {
-  if (scene.folder) { // the server writes it
-    if (document.body.classList.contains("narrow")) $("panel-toggle").click();
-    $("edit").scrollIntoView();
-    return $("save-name").focus();
-  }
-  save(await server.file("scene.ply", {}), `${fileName()}-edited.ply`);
-  toast("This page holds rounded Gaussians, and so does the PLY. To edit the original, save the edits and run: gsut edit RUN --apply FILE.json -o edited.ply", 12);
+async function saveEdits() {
+  save(await server.file("edits.json", { steps: edits.steps }), `${fileName()}.edits.json`);
+  toast(`To make the edits, run: gsut edit RUN --apply ${fileName()}.edits.json -o edited.ply`, 12);
 }
 
 // --- keys and buttons ---
@@ -138,6 +133,5 @@ function connectSelecting() {
   for (const what of ["delete", "keep", "clear"]) on(`edit-${what}`, () => edit({ do: what }));
   on("undo", undo);
   on("redo", redo);
-  on("edit-scene", saveSelection);
-  on("edit-file", async () => save(await server.file("edits.json", { steps: edits.steps }), `${fileName()}.edits.json`));
+  on("edit-file", saveEdits);
 }

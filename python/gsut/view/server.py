@@ -35,7 +35,7 @@ _MOST_OPEN = 256
 # Media type of each of the page's files.
 _KINDS = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
 # Names of the page's files, without their endings.
-_PAGE_FILES = ("view", "select", "making")
+_PAGE_FILES = ("view", "select")
 # Content security policy: the page may load from this server only.
 _POLICY = "default-src 'self'; img-src 'self' blob: data:; frame-ancestors 'none'; base-uri 'none'"
 

@@ -20,9 +20,7 @@ from gsut.gaussians import Gaussians
 from gsut.lens import camera_models
 from gsut.lens.files import values_from_camera
 from gsut.orientation import turn_camera, turn_picture, turn_size
-from gsut.view.edits import SAVED, check_floaters, find_floaters, locate_ground, save_edited
-from gsut.view.film import FILM, Film
-from gsut.view.frame_request import FRAME, MODES, POINT, POSE, SIZE, TURNS, FrameRequest
+from gsut.view.frame_request import FRAME, MODES, POSE, SIZE, TURNS, FrameRequest
 from gsut.view.frames import Frames
 from gsut.view.lenses import LENS, Lenses
 from gsut.view.named_views import read_named_view
@@ -42,7 +40,7 @@ _WEBP_QUALITY = 80
 _MASKED = (200, 40, 60)
 # Photographs that are decoded at once: each takes several times its pixels of memory.
 _MOST_DECODING = 2
-# Most keyframes of a film or a saved path: two hours of walking, recorded.
+# Most keyframes of a saved path: two hours of walking, recorded.
 _MOST_KEYS = 20_000
 # Shape of a request for a photograph.
 _PHOTOGRAPH = {
@@ -90,10 +88,8 @@ class Session:
         self._selections = Selections(self.shown, self.lenses)
         self._draw: Drawing = drawing or AtOnce()
         self._training = training
-        self._film: Film | None = None
-        self._checking, self._searching = threading.Lock(), threading.Lock()
+        self._checking = threading.Lock()
         self._decoding = threading.BoundedSemaphore(_MOST_DECODING)
-        self._photographs_done = 0  # photographs, for floaters
 
     @property
     def routes(self) -> dict[str, Route]:
@@ -101,10 +97,8 @@ class Session:
         routes: dict[str, Route] = {
             "scene": self.describe_scene, "frame": self.draw_frame,
             "photo": self.send_photograph, "lens": self.make_lens, "pick": self.pick_point,
-            "camera": self.save_cameras, "film": self.handle_film, "film.file": self.send_film,
-            "findings": self.list_findings, "ground": self.find_ground,
-            "floaters": self.find_floaters, "save": self.save_scene, "edits": self.apply_edits,
-            "edits.json": self.send_edits,
+            "camera": self.save_cameras, "findings": self.list_findings,
+            "edits": self.apply_edits, "edits.json": self.send_edits,
         }  # fmt: skip
         if self._training is not None:
             routes["training"] = self._training
@@ -127,8 +121,8 @@ class Session:
             "name": stage.name, "kind": stage.kind, "modes": MODES,
             "num_gaussians": 0 if gaussians is None else len(gaussians),
             "num_points": 0 if stage.scene is None else len(stage.scene.points),
-            "up": self.shown.axes[1], "axes": self.shown.axes, "center": place["center"],
-            "extent": place["extent"], "pose": place["pose"].ravel(),
+            "up": self.shown.axes[1], "center": place["center"], "extent": place["extent"],
+            "pose": place["pose"].ravel(),
             "lenses": [
                 {**self.lenses.describe(row),
                  "turns": 0 if stage.scene is None else count_lens_turns(stage.scene, row)}
@@ -138,8 +132,7 @@ class Session:
             "views": [] if stage.scene is None else _describe_views(stage.scene),
             "figures": {key: stage.figures.get(key) for key in ("psnr", "ssim", "steps")},
             "live": self._training is not None,
-            "folder": None if stage.folder is None else str(stage.folder),
-            "selectable": stage.folder is not None and isinstance(gaussians, Gaussians),
+            "selectable": stage.kind in ("run", "file") and isinstance(gaussians, Gaussians),
         }  # fmt: skip
         return Reply(value)
 
@@ -215,33 +208,6 @@ class Session:
             content["turns"] = turns
         return Reply(format_json(content).encode() + b"\n", "application/json")
 
-    @declare_values(FILM)
-    def handle_film(self, values: dict[str, Any]) -> Reply:
-        """Starts a film ("keys" and so on) or stops it ("stop"); returns its progress."""
-        if "keys" in values:
-            _check_keys(values["keys"])
-            if "frame" not in values:
-                raise InputError("a film needs the request of a frame")
-            if self._film is not None:
-                self._film.stop()
-            check_floaters(self.shown, values["frame"].get("clean", False))
-            requests = [self._request({**values["frame"], "pose": key}) for key in values["keys"]]
-            self._film = Film(self._large, lambda work: self._draw(work, True), requests, values)
-        elif values.get("stop") and self._film is not None:
-            self._film.stop()
-            self._film = None
-        return Reply(None if self._film is None else self._film.describe())
-
-    def send_film(self, _: dict[str, Any]) -> Reply:
-        """Returns the finished film."""
-        if self._film is None or not self._film.content:
-            raise InputError("there is no film yet")
-        name = "".join(c if c.isalnum() else "-" for c in self.stage.name).encode(
-            "ascii", "replace"
-        )
-        saved = f'attachment; filename="{name.decode()}.{self._film.ending}"'
-        return Reply(self._film.content, self._film.kind, {"Content-Disposition": saved})
-
     def list_findings(self, _: dict[str, Any]) -> Reply:
         """Returns the doctor's findings on a dataset, which are made at the first request."""
         from gsut.check import diagnose
@@ -252,28 +218,6 @@ class Session:
                 self.stage.findings = diagnose(self.stage.scene.path, progress=False)
         keys = ("severity", "where", "what", "advice")
         return Reply([{key: getattr(row, key) for key in keys} for row in self.stage.findings])
-
-    @declare_values({"up": POINT})
-    def find_ground(self, values: dict[str, Any]) -> Reply:
-        """Finds the plane that the scene stands on, roughly across "up"."""
-        return Reply(locate_ground(self.shown, values["up"]))
-
-    @declare_values({"far?": bool})
-    def find_floaters(self, values: dict[str, Any]) -> Reply:
-        """Finds floaters, which takes up to a second for each photograph; with "far", returns
-        progress."""
-        if values.get("far"):
-            return Reply({"done": self._photographs_done})
-        with self._searching:
-            return Reply(
-                find_floaters(self.shown, lambda done: setattr(self, "_photographs_done", done))
-            )
-
-    @declare_values(SAVED)
-    def save_scene(self, values: dict[str, Any]) -> Reply:
-        """Writes the scene as it is shown to a new file, and the edits "steps" beside it."""
-        edits = self._selections.describe(values.get("steps", []))
-        return Reply(save_edited(self.shown, values, edits))
 
     @declare_values({"steps": STEPS})
     def apply_edits(self, values: dict[str, Any]) -> Reply:

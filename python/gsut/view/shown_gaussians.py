@@ -1,4 +1,4 @@
-"""Chooses which of a stage's Gaussians a frame shows: inside the crop box, without floaters."""
+"""Chooses which of a stage's Gaussians a frame shows: those seen most, those that edits keep."""
 
 from __future__ import annotations
 
@@ -28,16 +28,16 @@ class ShownGaussians:
 
     Attributes:
         center, extent: middle (3,) and size of the scene.
-        axes: (3, 3) rows: right, up, forward of the scene, along which the crop box stands.
-        floaters: (N,) bool of `load_all()`; None before they are searched.
+        axes: (3, 3) rows: right, up, forward of the scene.
         edited: what edits by hand left of `load_all()`, by the key that frames give.
     """
 
     def __init__(self, stage: Stage) -> None:
         self.stage = stage
-        self._chosen: dict[Any, Any] = {}
+        self._chosen: dict[float, Gaussians] = {}  # by share
+        self._chosen_of: Any = None  # Gaussians and key of edits that these are of
+        self._chosen_edits: str | None = None
         self._lock = threading.Lock()  # a small and a large frame are drawn at once
-        self.floaters: np.ndarray | None = None
         self.edited: dict[str, Edited] = {}
         place = stage.place()
         self.center, self.extent = place["center"], place["extent"]
@@ -70,52 +70,26 @@ class ShownGaussians:
             raise InputError("these edits are not known any more: undo and redo the last one")
         return edited
 
-    def select_kept(
-        self, whole: Gaussians, crop: np.ndarray | None, clean: bool, edits: str | None
-    ) -> np.ndarray:
-        """Returns (N,) bool: inside the crop box, kept by the edits of this key and, if `clean`,
-        no floaters."""
-        kept = np.ones(len(whole), bool) if edits is None else self.find_edited(edits).kept.copy()
-        if crop is not None:
-            at = self._move_to_axes(whole)
-            kept &= np.all((at >= crop[0]) & (at <= crop[1]), axis=1)
-        if clean and self.floaters is not None and len(self.floaters) == len(whole):
-            kept &= ~self.floaters
-        return kept
-
-    def _move_to_axes(self, whole: Gaussians) -> np.ndarray:
-        return (whole.means + (whole.origin - self.center)) @ self.axes.T / self.extent
-
     def choose(self, request: FrameRequest) -> Any:
-        """Returns the most visible share of the Gaussians inside the crop box, those that are
-        selected in a colour of their own."""
-        g, crop, share, edits = self.stage.gaussians, request.crop, request.share, request.edits
-        if isinstance(g, StoredGaussians):
-            if crop is None:
-                return g
-            return g.with_change(lambda part: part[self.select_kept(part, crop, False, None)])
-        clean = request.clean and self.floaters is not None
+        """Returns the most visible share of the Gaussians that edits keep, those that are selected
+        in a colour of their own."""
+        g, share, edits = self.stage.gaussians, request.share, request.edits
         some = share < 1 and self.stage.kind != "training"
-        if g is None or not (some or clean or edits or crop is not None):
+        if g is None or isinstance(g, StoredGaussians) or not (some or edits):
             return g
-        key = share, clean, None if crop is None else crop.tobytes(), edits
         with self._lock:
-            if self._chosen.get("of") is not g:
-                self._chosen = {"of": g}
-            if key not in self._chosen:
-                boxes = (None, key[2])
-                for old in [
-                    o for o in self._chosen if o != "of" and (o[2] not in boxes or o[3] != edits)
-                ]:
-                    del self._chosen[old]  # of a box or edits as they were before
-                whole = self.load_all()
-                kept = self.select_kept(whole, crop, clean, edits)
+            if self._chosen_of is not g or self._chosen_edits != edits:
+                self._chosen, self._chosen_of, self._chosen_edits = {}, g, edits
+            if share not in self._chosen:
+                whole, kept = self.load_all(), np.ones(len(g), bool)
                 if edits is not None:
-                    whole = _add_tint(whole, self.find_edited(edits).selected)
+                    edited = self.find_edited(edits)
+                    whole, kept = _add_tint(whole, edited.selected), edited.kept.copy()
                 if some:
-                    kept &= _select_most_seen(whole, self._move_to_axes(whole), share)
-                self._chosen[key] = whole[kept]
-            return self._chosen[key]
+                    at = (whole.means + (whole.origin - self.center)) / self.extent
+                    kept &= _select_most_seen(whole, at, share)
+                self._chosen[share] = whole[kept]
+            return self._chosen[share]
 
 
 def _select_most_seen(gaussians: Gaussians, at: np.ndarray, share: float) -> np.ndarray:

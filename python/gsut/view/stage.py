@@ -51,7 +51,6 @@ class Stage:
         findings: of the doctor, before training.
         figures: the content of metrics.json, or {}.
         light: of the photographs, if the run has found it.
-        folder: where the page may save edited scenes; None: nowhere.
         antialiased: according to the file, see `SceneFile`.
     """
 
@@ -63,7 +62,6 @@ class Stage:
     findings: Sequence[Finding] = ()
     figures: dict[str, Any] = dataclasses.field(default_factory=dict)
     light: Light | None = None
-    folder: Path | None = None
     antialiased: bool = False
 
     @property
@@ -121,7 +119,7 @@ def open_stage(path: str | os.PathLike[str], data: str | None = None) -> Stage:
         name = "/".join(place.resolve().parts[-2:])
         return Stage(
             name, "run", gaussians, scene, options.background, figures=figures,
-            light=read_light(run, scene), folder=place,
+            light=read_light(run, scene),
         )  # fmt: skip
     if place.name == TABLE:
         place = place.resolve().parent
@@ -130,7 +128,7 @@ def open_stage(path: str | os.PathLike[str], data: str | None = None) -> Stage:
         photographs = None if data is None else load_dataset(data)
         behind = None if file.no_background else (0.0, 0.0, 0.0)
         return Stage(
-            place.resolve().name, "file", file.gaussians, photographs, behind, folder=place.parent,
+            place.resolve().name, "file", file.gaussians, photographs, behind,
             antialiased=file.antialiased,
         )  # fmt: skip
     return make_data_stage(load_dataset(place))

@@ -5,7 +5,7 @@ const base = location.pathname.replace(/[^/]*$/, "");
 const $ = (id) => document.getElementById(id);
 const MODE_NAMES = { color: "Colour", distance: "Distance", normal: "Normals", alpha: "Alpha", centers: "Centres", error: "Error" };
 const COMPARE_NAMES = { render: "Render", photo: "Photo", fade: "Fade", wipe: "Wipe", flicker: "Flicker" };
-const LAYER_NAMES = { cameras: "Cameras", points: "Points", domain: "No ray", axes: "Ground" };
+const LAYER_NAMES = { cameras: "Cameras", points: "Points", domain: "No ray" };
 // Number of Gaussians above which these, not the pixels, decide how long a frame takes.
 const LARGE = 200000;
 // Size of a frame while moving, by level, relative to the shown size. The picture shrinks first;
@@ -37,9 +37,8 @@ let lens; // the lens in use, described
 const state = {
   eye: { R: null, c: null }, // world_from_camera: columns right, down, forward; centre
   exact: null, // a photograph's own pose, bit for bit, until the eye moves
-  mode: "color", compare: "render", view: null, shutter: null, layers: new Set(), crop: null,
+  mode: "color", compare: "render", view: null, shutter: null, layers: new Set(),
   marks: [], keys: [], navigation: "walk", pivot: null, up: null, measuring: false, lossless: false,
-  clean: false, scale: 1, turned: false, ground: null, // how the scene is saved: ground is a plane's normal and level
 };
 
 // --- small linear algebra: vectors of 3, matrices of 9 in rows ---------------------------------
@@ -134,9 +133,8 @@ function request(moving) {
   const rolling = state.shutter !== null && $("rolling").checked && !edits.on ? state.shutter : null; // a region has one pose
   return {
     pose: state.exact ?? poseOf(state.eye), lens: lens.id, turns: lens.turns, width, height, mode, view: state.view, shutter: rolling,
-    layers: [...state.layers, ...($("crop-box").open ? ["box"] : [])], crop: state.crop,
-    marks: state.marks, quality: moving ? MOVING_QUALITY : state.lossless ? null : 92,
-    clean: state.clean, ground: state.ground, edits: edits.key, moving, share: moving ? SHARES[kind()][level] : 1,
+    layers: [...state.layers], marks: state.marks, quality: moving ? MOVING_QUALITY : state.lossless ? null : 92,
+    edits: edits.key, moving, share: moving ? SHARES[kind()][level] : 1,
   };
 }
 function redraw(moved = true) {
@@ -315,9 +313,6 @@ async function measure(event) {
   const place = found.in_dataset.map(format).join(", ");
   const text = two ? `${format(norm(add(state.marks[1], state.marks[0], -1)))} units apart` : `(${place}), ${format(found.distance)} units away; now the second point`;
   $("measure-text").textContent = $("measured").textContent = text;
-  $("length-row").hidden = !two || !scene.folder;
-  $("length").value = $("scale-text").textContent = "";
-  state.scale = 1;
   $("measured").hidden = false;
   redraw(false);
 }
@@ -328,64 +323,6 @@ async function setPivot(event) {
   choose("navigation", "orbit");
   const forward = unit(add(found.point, state.eye.c, -1)), right = unit(cross(forward, state.up));
   fly({ R: columns(right, cross(forward, right), forward), c: state.eye.c }, () => redraw());
-}
-
-// --- edits ---------------------------------------------------------------------------------------
-function turnUp(up, ground = null) {
-  Object.assign(state, { up, ground, turned: true });
-  $("ground-text").hidden = !ground;
-  levelled();
-}
-async function findGround() {
-  const found = await ask("ground", { up: state.up });
-  $("ground-text").textContent = `Ground found, tilted by ${format(Math.acos(Math.min(1, dot(found.normal, unit(state.up)))) * 180 / Math.PI)}° from the previous up direction. In a saved file it lies at y = 0.`;
-  const layer = document.querySelector("#layers input[value=axes]");
-  if (!layer.checked) layer.click();
-  turnUp(found.normal, [...found.normal, found.level]);
-}
-let waiting = false; // for the floaters: what is saved or filmed now would still have them
-function greyOut(wait) {
-  waiting = wait;
-  $("clean").disabled = $("save").disabled = wait;
-  $("film-make").disabled = wait || state.keys.length < 2;
-}
-async function leaveFloatersOut() {
-  state.clean = $("clean").checked;
-  if (state.clean && $("clean-text").hidden) {
-    const count = scene.views.filter((view) => !view.held_out).length;
-    greyOut(true);
-    $("clean-text").hidden = false;
-    const look = setInterval(async () => {
-      const far = await ask("floaters", { far: true }).catch(() => ({ done: 0 }));
-      if (waiting) $("clean-text").textContent = `Comparing with the photographs: ${far.done} of ${count} …`;
-    }, 500);
-    try {
-      const found = await ask("floaters", {});
-      $("clean-text").textContent = `${found.count.toLocaleString()} of ${found.of.toLocaleString()} Gaussians are contradicted by the photographs.`;
-    } catch (error) {
-      state.clean = $("clean").checked = false;
-      $("clean-text").hidden = true;
-      throw error;
-    } finally {
-      clearInterval(look);
-      greyOut(false);
-    }
-  }
-  redraw(false);
-}
-function knownLength() {
-  const apart = norm(add(state.marks[1], state.marks[0], -1)), truth = Number($("length").value);
-  state.scale = truth > 0 && apart > 0 ? truth / apart : 1;
-  $("scale-text").textContent = state.scale === 1 ? "" : `lengths × ${format(state.scale)}`;
-}
-async function saveEdited() {
-  const { crop, clean, scale, up, ground, turned } = state;
-  $("save").disabled = true;
-  try {
-    const saved = await ask("save", { name: $("save-name").value, crop, clean, edits: edits.key, steps: edits.steps, scale, up: turned ? up : null, level: ground?.[3] ?? null });
-    $("save-text").textContent = [`${saved.num_gaussians.toLocaleString()} of ${saved.of.toLocaleString()} Gaussians: ${saved.path}`, ...(saved.edits_path ? [`the edits: ${saved.edits_path}`] : []), ...saved.left_out].join("; ");
-    $("save-text").hidden = false;
-  } finally { $("save").disabled = waiting; }
 }
 
 const held = new Set();
@@ -620,7 +557,6 @@ const fileName = () => scene.name.replace(/[^\w.-]+/g, "-");
 const stamp = () => new Date().toISOString().slice(0, 19).replace(/[:T]/g, "-");
 async function screenshot() {
   const values = { ...request(false), quality: null }, name = `${fileName()}-${stamp()}`;
-  values.layers = values.layers.filter((layer) => layer !== "box");
   save(await server.file("frame", values), name + ".png");
   save(await server.file("camera", { poses: [values.pose], lens: values.lens, turns: values.turns, width: values.width, height: values.height }), name + ".json");
   toast(`${name}.png and its camera, ${name}.json`);
@@ -628,7 +564,6 @@ async function screenshot() {
 function keysChanged() {
   const count = state.keys.length;
   $("keys-text").textContent = count ? `${count} keyframe${count > 1 ? "s" : ""}` : "No keyframes yet.";
-  greyOut(waiting);
 }
 let recording;
 function record() { // adds a keyframe if the eye has moved
@@ -636,42 +571,6 @@ function record() { // adds a keyframe if the eye has moved
   if (String(pose) === String(state.keys.at(-1))) return;
   state.keys.push(pose);
   keysChanged();
-}
-async function makeFilm() {
-  const tall = Number($("film-height").value), even = (x) => 2 * Math.round(x / 2);
-  const values = { ...request(false), width: even(tall * lens.width / lens.height), height: tall, view: null, shutter: null };
-  await ask("film", { keys: state.keys, frame: values, seconds: Number($("film-seconds").value), ending: $("film-ending").value, closed: $("film-closed").checked, up: state.up });
-  $("film-bar").hidden = false;
-  $("film-get").hidden = true;
-  for (;;) {
-    const film = await ask("film");
-    $("film-bar").value = film ? film.done / film.of : 0;
-    if (film?.failure) { $("film-bar").hidden = true; return toast(film.failure, 8); }
-    if (film?.ready) break;
-    await new Promise((done) => setTimeout(done, 400));
-  }
-  $("film-bar").hidden = true;
-  $("film-get").hidden = false;
-  $("film-get").href = base + "film.file";
-}
-const BOX = ["right, from", "right, to", "up, from", "up, to", "ahead, from", "ahead, to"];
-function fillCrop() {
-  const values = BOX.map((_, k) => (k % 2 ? 3 : -3));
-  const changed = () => {
-    const on = $("crop").checked;
-    state.crop = on ? [[values[0], values[2], values[4]], [values[1], values[3], values[5]]] : null;
-    redraw();
-  };
-  BOX.forEach((text, k) => {
-    const row = document.createElement("label"), range = document.createElement("input");
-    row.className = "slider";
-    Object.assign(range, { type: "range", min: -3, max: 3, step: 0.02, value: values[k] });
-    range.addEventListener("input", () => { values[k] = Number(range.value); $("crop").checked = true; changed(); });
-    row.append(text, range);
-    $("crop-sliders").append(row);
-  });
-  $("crop").addEventListener("change", changed);
-  $("crop-box").addEventListener("toggle", () => redraw(false));
 }
 async function fillFindings() {
   $("findings").hidden = false;
@@ -753,19 +652,16 @@ function connect() {
   on("lossless", "change", () => lossless($("lossless").checked));
   on("home", "click", () => { if (scene.views.length) goTo(0); else fly(eyeOf(scene.pose), () => redraw()); });
   on("level", "click", levelled);
+  const turnUp = (up) => { state.up = up; levelled(); };
   on("up", "change", () => turnUp(JSON.parse($("up").value)));
   on("up-here", "click", () => turnUp(column(state.eye.R, 1).map((x) => -x)));
-  on("ground", "click", findGround);
-  on("clean", "change", leaveFloatersOut);
-  on("length", "input", knownLength);
-  on("save-form", "submit", (event) => { event.preventDefault(); return saveEdited(); });
   on("speed", "input", () => ($("speed-text").textContent = format(2 ** $("speed").value) + " ×"));
   on("measure", "click", () => {
     state.measuring = !state.measuring;
     $("measure").setAttribute("aria-pressed", String(state.measuring));
     $("canvas").classList.toggle("picking", state.measuring);
   });
-  on("measure-clear", "click", () => { state.marks = []; $("measured").hidden = $("length-row").hidden = true; state.scale = 1; redraw(false); });
+  on("measure-clear", "click", () => { state.marks = []; $("measured").hidden = true; redraw(false); });
   on("lens", "change", () => {
     const [kind, name] = $("lens").value.split(":");
     if (kind === "fill") {
@@ -801,14 +697,12 @@ function connect() {
     const { width, height, turns } = lens;
     save(await server.file("camera", { poses: state.keys, lens: lens.id, turns, width, height }), `${fileName()}-path.json`);
   });
-  on("film-make", "click", makeFilm);
   on("train-pause", "click", () => ask("training", { action: $("train-pause").textContent === "Pause" ? "pause" : "resume" }));
   on("train-stop", "click", () => ask("training", { action: "stop" }));
 }
 
 async function begin() {
   scene = await ask("scene");
-  if (scene.shown !== undefined) scene = await (await import(`${base}making.js`)).watchMaking(scene, ask, base);
   document.title = scene.alone ? scene.name : `${scene.name} · gsut view`;
   $("name").textContent = scene.name;
   $("credit").textContent = scene.credit ?? "";
@@ -832,13 +726,9 @@ async function begin() {
     $("layers").append(label);
   }
   $("mask-row").hidden = !scene.views.length || scene.alone;
-  $("film").hidden = $("layers-section").hidden = $("lens-form").hidden = scene.alone ?? false;
-  $("edit").hidden = $("ground").hidden = !scene.folder;
-  $("clean-row").hidden = scene.kind !== "run";
-  $("edit-folder").textContent = `Folder: ${scene.folder}`;
+  $("layers-section").hidden = $("lens-form").hidden = scene.alone ?? false;
   fillStrip();
   fillLenses();
-  fillCrop();
   $("up").append(new Option(scene.views.length ? "the cameras’" : "the file’s", JSON.stringify(scene.up)));
   ["+x", "−x", "+y", "−y", "+z", "−z"].forEach((name, k) => {
     const axis = [0, 0, 0];

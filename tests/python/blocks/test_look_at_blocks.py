@@ -93,16 +93,10 @@ def test_view_draws_the_same_frames_and_refuses_what_needs_all(run, reads, give)
         sessions.append(Session(open_stage(run)))
     pose = open_trained(RunFolder.open(run), None)[1].views[3].camera_from_world
     frame = {"pose": pose.ravel().tolist(), "lens": 0, "width": 40, "height": 40, "quality": None}
-    box = [[-0.5, -0.5, -0.5], [0.5, 0.5, 0.2]]
-    cases = ({}, {"mode": "distance"}, {"crop": box}, {"share": 0.5})
-    for case in cases[:-1]:
+    for case in ({}, {"mode": "distance"}):
         replies = [session.draw_frame({**frame, **case}) for session in sessions]
         assert replies[0].content == replies[1].content
-    assert len(reads) >= len(cases) - 1
+    assert len(reads) >= 2
     assert sessions[1].draw_frame({**frame, "share": 0.5}).content  # all of them: no half is known
-    for ask in (
-        lambda s: s.draw_frame({**frame, "mode": "centers"}),
-        lambda s: s.find_ground({"up": [0, 0, 1]}),
-    ):
-        with pytest.raises(gsut.InputError, match="needs all 6,000 Gaussians"):
-            ask(sessions[1])
+    with pytest.raises(gsut.InputError, match="needs all 6,000 Gaussians"):
+        sessions[1].draw_frame({**frame, "mode": "centers"})

@@ -337,7 +337,9 @@ def test_every_argument_of_gsplat_is_supported_or_refused_by_name_and_reason(rng
                 rasterization(**call)
         else:
             image, _, info = rasterization(**call)
-            is_same = image.shape == plain.shape and torch.equal(image, plain)
+            # other channels beside the colours are blended by other kernels: another last bit
+            limit = tolerances.TORCH_SHADING
+            is_same = image.shape == plain.shape and torch.allclose(image, plain, atol=limit)
             assert is_same == (effect == CHANGES_NO_PIXEL), name
             if name.startswith("extra_signals"):
                 assert info["render_extra_signals"].shape[:3] == image.shape[:3], name

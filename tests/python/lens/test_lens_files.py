@@ -97,8 +97,13 @@ def test_save_with_format_overrides_the_name(tmp_path):
         assert word in path.read_text()
     with pytest.raises(InputError, match=r"known: .*mrcal.*opencv"):
         save_camera(FISHEYE, tmp_path / "lens.yaml", format="vhs")
-    with pytest.raises(InputError, match="chooses no format"):
-        save_camera(FISHEYE, tmp_path / "lens.xyz")
+    wrong = {
+        "lens.xyz": "chooses no format", "aria.json": "of Project Aria and writes none",
+        "lens.matlab.json": "use a name without matlab",
+    }  # fmt: skip
+    for name, said in wrong.items():
+        with pytest.raises(InputError, match=said):
+            save_camera(FISHEYE, tmp_path / name)
 
 
 def test_save_to_missing_folder_raises_and_failed_save_keeps_the_old_file(tmp_path):

@@ -192,7 +192,7 @@ def test_help_lists_every_option(capsys):
         info = get_info(field)
         assert (format_flag(field.name) in text) == (field.name in TrainOptions.FLAGS)
         assert info.help and (field.default is not None or info.none)
-    assert text.count("default ") >= len(TrainOptions.FLAGS) == 20
+    assert text.count("default ") >= len(TrainOptions.FLAGS) == 21
 
 
 def test_words_of_options_make_the_same_options():

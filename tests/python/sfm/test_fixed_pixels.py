@@ -119,6 +119,6 @@ def test_mask_is_written_and_named_where_pixels_are_fixed(change, is_masked, tmp
     masked = mask_fixed_pixels(photographs, tmp_path, notes.append)
     assert (masked is not photographs) == is_masked == (tmp_path / MASK).is_file()
     if is_masked:
-        assert set(masked.masks) == {tmp_path / MASK} and "masks of your own" in notes[0]
+        assert set(masked.masks) == {tmp_path / MASK} and "--keep-all-pixels" in notes[0]
         mask = cv2.imread(str(tmp_path / MASK), 0)
         assert mask.shape == (4 * HEIGHT, 4 * WIDTH) and abs((mask == 255).mean() - 0.54) < 0.05

@@ -175,7 +175,7 @@ def test_mesh_command_writes_the_plane_and_refuses_what_it_cannot(tmp_path, caps
     assert main(["mesh", run, "-o", str(out)]) == 2
     assert "nothing was overwritten" in capsys.readouterr().err
     assert main(["mesh", run, "-o", str(tmp_path / "a.stl")]) == 2
-    assert main(["mesh", run, "-o", str(tmp_path / "b.ply"), "--max-side", "0"]) == 2
+    assert main(["mesh", run, "-o", str(tmp_path / "b.ply"), "--voxel", "0"]) == 2
     far = ["--crop", "1000", "1000", "1000", "1001", "1001", "1001"]
     capsys.readouterr()
     assert main(["mesh", run, "-o", str(tmp_path / "b.ply"), *far]) == 2

@@ -28,12 +28,17 @@ def circle(wall):  # noqa: F811
 def test_fixed_pixels_are_left_out_of_every_mask(circle):
     scene = prepare_scene(circle, TrainOptions())
     (note,) = describe_fixed(scene)
-    assert "masks of your own decide" in note
+    assert "--keep-all-pixels" in note
     for size in (scene, scene.scale_images(0.5, keep_larger=True)):
         shape = size.mask(0).shape
         outside = np.hypot(*(np.indices(shape) - shape[0] / 2 + 0.5)) > 26 * shape[0] / SIZE
         assert not (size.mask(0) & outside).any() and size.mask(0)[~outside].mean() > 0.7
     assert find_plain_background(scene) is None  # what is left out is no cut-out
+
+
+def test_fixed_pixels_are_kept_on_request(circle):
+    scene = prepare_scene(circle, TrainOptions(keep_all_pixels=True))
+    assert describe_fixed(scene) == [] and scene.mask(0).all()
 
 
 def test_photographs_of_a_mask_keep_all_that_it_lets_in(circle):

@@ -1,15 +1,13 @@
-"""The page's edits: ground, floaters, and a scene saved anew; and `gsut measure`."""
+"""`gsut measure`: distances between pixels of photographs and points."""
 
 import dataclasses
 import json
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import gsut
 import small_run
-from gsut import InputError
 from gsut.cli import main
 from gsut.view import Session
 from gsut.view.measure import find_point_in_photograph
@@ -29,82 +27,8 @@ def gaussians(scene):
 
 
 @pytest.fixture
-def session(scene, gaussians, tmp_path):
-    return Session(Stage("small", "run", gaussians, scene, folder=tmp_path))
-
-
-def test_save_writes_what_is_shown_turned_and_scaled(session, gaussians, tmp_path):
-    shown = session.shown
-    crop = [[-9, -9, -9], [0.2, 9, 9]]
-    up = np.array([0.1, 0.2, 1.0])
-    values = {"name": "a.ply", "crop": crop, "up": up.tolist(), "level": 0.3, "scale": 2.0}
-    said = session.save_scene(values).content
-    inside = (gaussians.means - shown.center) @ shown.axes[0] <= 0.2 * shown.extent
-    assert said["num_gaussians"] == inside.sum() and said["of"] == 300
-    found = gsut.formats.load_ply(tmp_path / "a.ply")
-    heights = -2.0 * (gaussians.means[inside] @ (up / np.linalg.norm(up)) - 0.3)
-    np.testing.assert_allclose(found.means[:, 1], heights, atol=MEASURED)
-    np.testing.assert_allclose(
-        found.log_scales, gaussians.log_scales[inside] + np.log(2), atol=MEASURED
-    )
-
-
-@pytest.mark.parametrize(
-    ("values", "said"),
-    [
-        ({"name": "scene.ply"}, "exists; give another name"),
-        ({"name": "../a.ply"}, "without folders"),
-        ({"name": "a.obj"}, "no format to write"),
-        ({"name": "a.ply", "crop": [[8, 8, 8], [9, 9, 9]]}, "nothing is left"),
-        ({"name": "a.ply", "scale": -1}, "scale takes a number from 1e-12"),
-        ({"name": "a.ply", "up": [0, 0, 0]}, "must be a direction"),
-    ],
-)
-def test_save_refuses_in_one_sentence_and_writes_nothing(session, tmp_path, values, said):
-    (tmp_path / "scene.ply").write_text("mine")
-    with pytest.raises(InputError, match=said):
-        session.save_scene(values)
-    assert (tmp_path / "scene.ply").read_text() == "mine"
-    assert len(list(tmp_path.iterdir())) == 1
-
-
-def test_ground_is_found_and_a_training_has_no_file_yet(session, scene, gaussians):
-    g = dataclasses.replace(gaussians, means=gaussians.means.copy())
-    flat = np.arange(300) < 150
-    g.means[flat] = np.random.default_rng(1).uniform(-1, 1, (150, 3)) * [3, 3, 0.01] + [0, 0, -2]
-    g.quats[flat], g.log_scales[flat], g.opacity_logits[flat] = [1, 0, 0, 0], [-1, -1, -5], 2.0
-    found = Session(Stage("a", "training", g, scene))
-    plane = found.find_ground({"up": [0.1, 0, 1]}).content
-    assert plane["normal"] @ [0, 0, 1] > 0.99
-    assert plane["level"] == pytest.approx(-2, abs=0.1)
-    with pytest.raises(InputError, match="not a file yet"):
-        found.save_scene({"name": "a.ply"})
-    with pytest.raises(InputError, match="run's photographs"):
-        found.find_floaters({})
-
-
-def test_floaters_are_left_out_of_frames_and_files(
-    session, scene, gaussians, monkeypatch, tmp_path
-):
-    floats = np.arange(300) % 3 == 0
-    support = SimpleNamespace(contradicted=floats, unseen=np.zeros(300, bool))
-    monkeypatch.setattr("gsut.view.edits.find_support", lambda *_, **__: support)
-    pose = scene.views[0].camera_from_world
-    frame = {"pose": pose.ravel().tolist(), "lens": 0, "width": 32, "height": 32, "clean": True}
-    request = session._request({**frame, "quality": None})
-    before = session.frames.draw(request).image.copy()
-    for wish in (
-        lambda: session.save_scene({"name": "a.spz", "clean": True}),
-        lambda: session.handle_film({"keys": [frame["pose"]] * 2, "frame": frame}),
-    ):
-        with pytest.raises(gsut.InputError, match="floaters are not found yet: wait"):
-            wish()
-    assert session.find_floaters({}).content == {"count": 100, "of": 300}
-    after = session.frames.draw(request).image
-    clean = gsut.render(gaussians[~floats], scene.cameras[0], pose).image
-    np.testing.assert_array_equal(after, gsut.rendering.to_uint8(clean))
-    assert np.any(before != after)
-    assert session.save_scene({"name": "a.spz", "clean": True}).content["num_gaussians"] == 200
+def session(scene, gaussians):
+    return Session(Stage("small", "run", gaussians, scene))
 
 
 def measured(monkeypatch, capsys, stage, *words):

@@ -12,7 +12,6 @@ from gsut.view import Session, ViewServer
 from gsut.view.stage import Stage
 from held_frames import hold_frames
 from random_scenes import fisheye, gaussians_in_view, list_models, rng_of
-from tolerances.view import MEASURED
 
 
 @pytest.fixture(scope="module")
@@ -29,13 +28,8 @@ def gaussians(scene):
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    return tmp_path_factory.mktemp("saved")
-
-
-@pytest.fixture(scope="module")
-def window(scene, gaussians, folder):
-    session = Session(Stage("small", "run", gaussians, scene, folder=folder))
+def window(scene, gaussians):
+    session = Session(Stage("small", "run", gaussians, scene))
     with browser() as window, ViewServer(session.routes) as server:
         window.open(server.address)
         window.wait("document.body.dataset.frames > 0")
@@ -146,24 +140,6 @@ def test_two_fingers_move_sideways_and_forward(window):
     window.wait("!busy && !wanted")
 
 
-def test_page_measures_scales_and_saves_a_new_file(window, gaussians, folder):
-    text = window.run("""
-      state.marks = [[0, 0, 0], [0, 0, 2]];
-      $("length").value = "5";
-      knownLength();
-      $("up-here").click();
-      $("save-name").value = "new.ply";
-      await saveEdited();
-      return [$("scale-text").textContent, $("save-text").textContent];""")
-    assert text == ["lengths × 2.5", f"300 of 300 Gaussians: {folder / 'new.ply'}"]
-    found = gsut.formats.load_ply(folder / "new.ply")
-    scales = gaussians.log_scales + np.log(2.5)
-    np.testing.assert_allclose(found.log_scales, scales, atol=MEASURED)
-    again = window.run("try { await saveEdited(); } catch (error) { return error.message; }")
-    assert "exists; give another name" in again
-    window.run("state.marks = []; state.scale = 1;")
-
-
 def test_recording_keeps_the_way_of_the_eye(window):
     keys = window.run("""
       state.keys = [];
@@ -173,8 +149,8 @@ def test_recording_keeps_the_way_of_the_eye(window):
         await new Promise((done) => setTimeout(done, 450));
       }
       $("record").click();
-      return [state.keys.length, $("film-make").disabled];""")
-    assert keys[0] >= 3 and keys[1] is False
+      return state.keys.length;""")
+    assert keys >= 3
     window.wait("!busy && !wanted")
 
 

@@ -4,7 +4,6 @@ import concurrent.futures
 import contextlib
 import json
 import socket
-import threading
 import time
 
 import numpy as np
@@ -13,9 +12,8 @@ from test_server import ask, sentence
 
 import gsut
 import small_run
-from gsut.view import LiveScene, Session, ViewServer
+from gsut.view import LiveTraining, Session, ViewServer
 from gsut.view import server as server_module
-from gsut.view.live import LiveTraining
 from gsut.view.server import LOOPBACK
 from gsut.view.stage import Stage
 from held_frames import hold_frames
@@ -34,16 +32,13 @@ def stage(tmp_path_factory):
     scene = small_run.scene_from_arrays(tmp_path_factory.mktemp("requests"))
     pose = scene.views[0].camera_from_world
     gaussians = gaussians_in_view(rng_of("requests"), small_run.FISHEYE, pose, 100)
-    folder = tmp_path_factory.mktemp("saved")
-    return Stage("small", "run", gaussians, scene, (0.0, 0.0, 0.0), folder=folder)
+    return Stage("small", "run", gaussians, scene, (0.0, 0.0, 0.0))
 
 
 @pytest.fixture(scope="module")
 def server(stage):
-    making, training = LiveScene("small"), LiveTraining(stage.scene, gsut.TrainOptions(steps=1))
-    making.show_pictures({"a": stage.scene.views[0].image_path})
-    control = training.session.routes["training"]
-    with ViewServer(making.routes | Session(stage, training=control).routes) as server:
+    control = LiveTraining(stage.scene, gsut.TrainOptions(steps=1)).session.routes["training"]
+    with ViewServer(Session(stage, training=control).routes) as server:
         yield server
 
 
@@ -51,9 +46,8 @@ def make_requests(pose):
     pose = np.ravel(pose).tolist()
     frame = {
         "pose": pose, "lens": 0, "width": 48, "height": 48, "mode": "color", "view": 0,
-        "shutter": None, "layers": ["cameras", "points", "axes", "box", "domain"],
-        "crop": [[-1, -1, -1], [1, 1, 1]], "marks": [[0, 0, 0], [1, 1, 1]], "quality": 90,
-        "share": 0.5, "clean": False, "ground": [0, -1, 0, 0], "turns": 0,
+        "shutter": None, "layers": ["cameras", "points", "domain"],
+        "marks": [[0, 0, 0], [1, 1, 1]], "quality": 90, "share": 0.5, "turns": 0,
     }  # fmt: skip
     at = {key: frame[key] for key in ("pose", "lens", "width", "height", "turns")}
     step = {"do": "select", "frame": at, "points": [[1, 1], [9, 1], [9, 9]], "front": True}
@@ -63,13 +57,8 @@ def make_requests(pose):
                  "field_of_view": 60.0},
         "pick": {"frame": frame, "pixel": [3, 3]},
         "camera": {"poses": [pose], "turns": 0, "width": 16, "height": 12, "lens": 0},
-        "film": {"keys": [pose, pose], "frame": frame, "seconds": 0.1, "rate": 20, "ending": "gif",
-                 "up": [0, -1, 0], "closed": False},
-        "findings": {}, "ground": {"up": [0, -1, 0]}, "floaters": {"far": True},
-        "save": {"name": "a.ply", "crop": [[-9, -9, -9], [9, 9, 9]], "clean": False,
-                 "up": [0, -1, 0], "level": 0.0, "scale": 1.0, "edits": None, "steps": []},
-        "edits": {"steps": [step]}, "edits.json": {"steps": [step]}, "film.file": {},
-        "training": {"action": "pause"}, "making": {"version": 0}, "picture": {"name": "a"},
+        "findings": {}, "edits": {"steps": [step]}, "edits.json": {"steps": [step]},
+        "training": {"action": "pause"},
     }  # fmt: skip
 
 
@@ -191,25 +180,6 @@ def test_client_that_does_not_read_its_answer_holds_nobody(quick):
         assert time.monotonic() - begin < SECONDS
 
 
-def test_long_search_for_floaters_holds_no_other_request(server, stage, monkeypatch):
-    found, going = threading.Event(), threading.Event()
-
-    def search(*_):
-        going.set()
-        assert found.wait(SECONDS)
-        return {"count": 0, "of": 1}
-
-    monkeypatch.setattr("gsut.view.session.find_floaters", search)
-    with concurrent.futures.ThreadPoolExecutor(1) as other:
-        searching = other.submit(ask, server, f"/{server.token}/floaters", {})
-        assert going.wait(SECONDS)
-        values = make_requests(stage.scene.views[0].camera_from_world)
-        for name in ("scene", "frame", "photo", "findings", "camera"):
-            assert ask(server, f"/{server.token}/{name}", values[name])[0].status == 200
-        found.set()
-        assert searching.result()[0].status == 200
-
-
 def test_large_frame_holds_no_small_request(server, stage, monkeypatch):
     going, drawn = hold_frames(monkeypatch, lambda _, request: request.is_large, SECONDS)
     values = make_requests(stage.scene.views[0].camera_from_world)
@@ -222,20 +192,6 @@ def test_large_frame_holds_no_small_request(server, stage, monkeypatch):
         assert not drawing.done()
         drawn.set()
         assert drawing.result()[0].status == 200
-
-
-def test_film_holds_no_frame(stage, monkeypatch):
-    session = Session(stage)
-    going, drawn = hold_frames(monkeypatch, lambda frames, _: frames is not session.frames, SECONDS)
-    values = make_requests(stage.scene.views[0].camera_from_world)
-    film = session.handle_film(values["film"]).content
-    assert going.wait(SECONDS) and not film["ready"]
-    assert session.draw_frame(values["frame"]).content
-    drawn.set()
-    end = time.monotonic() + SECONDS
-    while not session.handle_film({}).content["ready"]:
-        assert time.monotonic() < end
-        time.sleep(0.01)
 
 
 def test_lens_file_that_takes_long_is_given_up(server, monkeypatch):

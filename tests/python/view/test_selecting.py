@@ -1,4 +1,4 @@
-"""Selecting by hand in both pages: the right Gaussians, pictures, undo, files, on any screen."""
+"""Selecting by hand in the page: the right Gaussians, pictures, undo, files, on any screen."""
 
 import base64
 import contextlib
@@ -40,9 +40,9 @@ def gaussians(scene):
 
 
 @contextlib.contextmanager
-def open_page(kind, screen, folder, scene, gaussians):
-    """A window that shows the scene: served, or as one file."""
-    session = Session(Stage("small", "run", gaussians, scene, folder=folder))
+def open_page(screen, scene, gaussians):
+    """A window that shows the scene."""
+    session = Session(Stage("small", "run", gaussians, scene))
     with contextlib.ExitStack() as stack:
         window = stack.enter_context(browser(*SCREENS[screen]))
         width, height = SCREENS[screen]
@@ -51,11 +51,7 @@ def open_page(kind, screen, folder, scene, gaussians):
             mobile=screen == "phone",
         )  # fmt: skip
         window.devtools("Emulation.setTouchEmulationEnabled", enabled=screen == "phone")
-        if kind == "served":
-            window.open(stack.enter_context(ViewServer(session.routes)).address)
-        else:
-            session.write_page(folder / "page.html", 3)
-            window.open(f"file://{folder}/page.html")
+        window.open(stack.enter_context(ViewServer(session.routes)).address)
         window.wait("document.body.dataset.frames > 0")
         yield window
 
@@ -109,11 +105,9 @@ def find_in_box(stored, camera, pose, box):
 
 
 @pytest.mark.parametrize("screen", SCREENS)
-@pytest.mark.parametrize("kind", ["served", "page"])
-def test_box_selects_deletes_undoes_and_repeats(kind, screen, tmp_path, scene, gaussians):
-    with open_page(kind, screen, tmp_path, scene, gaussians) as window:
+def test_box_selects_deletes_undoes_and_repeats(screen, tmp_path, scene, gaussians):
+    with open_page(screen, scene, gaussians) as window:
         go_to(window, 0)
-        stored = gaussians if kind == "served" else window.read_gaussians()
         click(window, "select")
         assert window.run("return document.documentElement.scrollWidth;") == SCREENS[screen][0]
         off_screen = window.run("""
@@ -128,7 +122,7 @@ def test_box_selects_deletes_undoes_and_repeats(kind, screen, tmp_path, scene, g
         drag(window, screen, corners[:2], corners[2:])
         settle(window)
         box = (corners - np.array([left, top, left, top])) * 32 / width
-        inside = find_in_box(stored, scene.cameras[0], scene.views[0].camera_from_world, box)
+        inside = find_in_box(gaussians, scene.cameras[0], scene.views[0].camera_from_world, box)
         assert 10 < inside.sum() < COUNT - 10
         assert window.run("return [edits.selected, edits.kept];") == [inside.sum(), COUNT]
         tinted = read_still(window)
@@ -139,15 +133,15 @@ def test_box_selects_deletes_undoes_and_repeats(kind, screen, tmp_path, scene, g
         window.run("state.lossless = true;")
         found = read_still(window).astype(int)
         pose = scene.views[0].camera_from_world
-        truth = gsut.rendering.to_uint8(gsut.render(stored[~inside], scene.cameras[0], pose).image)
-        assert np.abs(found - truth).max() <= (0 if kind == "served" else 1)
+        shown = gsut.render(gaussians[~inside], scene.cameras[0], pose).image
+        np.testing.assert_array_equal(found, gsut.rendering.to_uint8(shown))
         window.run("state.lossless = false;")
         for _ in range(2):
             click(window, "undo")
         np.testing.assert_array_equal(read_still(window), before)
         for _ in range(2):
             click(window, "redo")
-        check_files(window, kind, tmp_path, scene, stored, inside)
+        check_files(window, tmp_path, scene, gaussians, inside)
         own = ("No available adapters", "software WebGL", "GPU stall")  # Chromium's, without a card
         assert [line for line in window.errors() if not any(word in line for word in own)] == []
 
@@ -159,19 +153,10 @@ def read_blob(window, name, values):
     return base64.b64decode(text)
 
 
-def check_files(window, kind, folder, scene, stored, inside):
-    if kind == "served":
-        window.run("$('save-name').value = 'cut.ply'; await saveEdited();")
-        cut, edits = folder / "cut.ply", folder / "cut.edits.json"
-    else:
-        cut, edits = folder / "page.ply", folder / "page.edits.json"
-        cut.write_bytes(read_blob(window, "scene.ply", "{}"))
-        edits.write_bytes(read_blob(window, "edits.json", "{ steps: edits.steps }"))
-    saved = gsut.load_gaussians(cut)
-    for field in dataclasses.fields(saved):
-        expected = getattr(stored[~inside], field.name)
-        np.testing.assert_array_equal(getattr(saved, field.name), expected)
-    placed = stored.translate(scene.world_offset)
+def check_files(window, folder, scene, gaussians, inside):
+    edits = folder / "page.edits.json"
+    edits.write_bytes(read_blob(window, "edits.json", "{ steps: edits.steps }"))
+    placed = gaussians.translate(scene.world_offset)
     np.testing.assert_array_equal(apply_edits(placed, read_edits(edits)), ~inside)
     gsut.formats.save_ply(folder / "run.ply", placed)
     words = ["edit", str(folder / "run.ply"), "--apply", str(edits)]
@@ -180,10 +165,8 @@ def check_files(window, kind, folder, scene, stored, inside):
     assert len(repeated) == COUNT - inside.sum()
 
 
-@pytest.mark.parametrize("kind", ["served", "page"])
-def test_both_pages_select_as_the_file_says(kind, tmp_path, scene, gaussians):
-    with open_page(kind, "desktop", tmp_path, scene, gaussians) as window:
-        stored = gaussians if kind == "served" else window.read_gaussians()
+def test_page_selects_as_the_file_says(tmp_path, scene, gaussians):
+    with open_page("desktop", scene, gaussians) as window:
         click(window, "select")
         go_to(window, window.run("return scene.views.findIndex((view) => view.turns);"))
         left, top, width = window.run(WHERE)
@@ -212,11 +195,11 @@ def test_both_pages_select_as_the_file_says(kind, tmp_path, scene, gaussians):
         path.write_bytes(read_blob(window, "edits.json", "{ steps: edits.steps }"))
         edits = read_edits(path)
         assert [edit.get("front", False) for edit in edits] == [False, True, False, False, False]
-        assert apply_edits(stored.translate(scene.world_offset), edits).sum() == kept
+        assert apply_edits(gaussians.translate(scene.world_offset), edits).sum() == kept
 
 
-def test_keys_and_a_second_finger_leave_no_stroke(tmp_path, scene, gaussians):
-    with open_page("served", "phone", tmp_path, scene, gaussians) as window:
+def test_keys_and_a_second_finger_leave_no_stroke(scene, gaussians):
+    with open_page("phone", scene, gaussians) as window:
         click(window, "select")
         left, top, width = window.run(WHERE)
         one, two = ({"x": left + share * width, "y": top + 0.5 * width} for share in (0.3, 0.7))

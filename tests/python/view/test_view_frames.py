@@ -4,7 +4,6 @@ import base64
 import concurrent.futures
 import dataclasses
 import json
-import time
 
 import cv2
 import numpy as np
@@ -101,11 +100,10 @@ def test_a_frame_coarser_than_the_photographs_is_filtered_once_it_rests(session,
 @pytest.mark.threads
 def test_small_and_large_frames_at_once_have_the_bits_of_each_alone(session, scene, monkeypatch):
     monkeypatch.setattr("gsut.view.frame_request._LARGE_PIXELS", SIZE * SIZE)
-    box = [[-9, -9, -9], [9, 9, 0.5]]
     asked = [
         wanted(scene, row % 6, width=side, height=side, **more)
         for row in range(12)
-        for more in ({"share": 0.5}, {"crop": box, "mode": "distance"}, {"layers": ["domain"]})
+        for more in ({"share": 0.5}, {"mode": "distance"}, {"layers": ["domain"]})
         for side in (SIZE, 2 * SIZE)
     ]  # fmt: skip
     alone = [session.draw_frame(values).content for values in asked]
@@ -194,20 +192,9 @@ def test_normals_of_a_plane_point_back_at_the_camera(camera):
 
 def test_layers_are_drawn_over_the_frame(session, scene):
     plain = drawn(session, scene)
-    crop = [[-1, -1, -1], [1, 1, 1]]
-    for layers in (["cameras"], ["points"], ["domain"], ["axes"]):
+    for layers in (["cameras"], ["points"], ["domain"]):
         assert np.any(drawn(session, scene, layers=layers) != plain), layers
-    cropped = drawn(session, scene, crop=crop)
-    assert np.any(cropped != plain)
-    assert np.any(drawn(session, scene, crop=crop, layers=["box"]) != cropped)
     assert np.any(drawn(session, scene, marks=[[0, 0, 0], [0.5, 0, 0]]) != plain)
-
-
-def test_crop_keeps_what_is_inside(session, scene, gaussians):
-    whole = [[-1e3] * 3, [1e3] * 3]
-    np.testing.assert_array_equal(drawn(session, scene, crop=whole), drawn(session, scene))
-    nothing = drawn(session, scene, crop=[[1e3] * 3, [1e3] * 3])
-    assert len(np.unique(nothing.reshape(-1, 3), axis=0)) == 1
 
 
 def test_picked_point_lies_on_the_pixels_ray_at_its_distance(session, scene, gaussians):
@@ -246,7 +233,6 @@ def test_scene_tells_what_the_page_needs(session, scene):
     value = session.describe_scene({}).content
     assert [view["held_out"] for view in value["views"]] == [i in (0, 3) for i in range(6)]
     assert value["views"][5]["rolling"] and not value["views"][0]["rolling"]
-    np.testing.assert_allclose(value["axes"] @ value["axes"].T, np.eye(3), atol=1e-12)
     np.testing.assert_allclose(value["up"], [0, 0, 1], atol=1e-9)  # cameras stand in a circle
     assert set(value["models"]) == set(gsut.lens.camera_models())
 
@@ -262,24 +248,6 @@ def test_file_without_cameras_is_seen_from_the_outside(gaussians):
         "quality": None,
     }
     assert pixels(session.draw_frame(request)).max() > 60
-
-
-def test_film_of_keyframes_is_made_in_the_background(session, scene):
-    keys = [scene.views[index].camera_from_world.ravel().tolist() for index in (0, 1, 2)]
-    frame = {**wanted(scene), "view": None}
-    asked = {"keys": keys, "frame": frame, "seconds": 0.5, "rate": 10, "ending": "webm"}
-    state = session.handle_film(asked).content
-    end = time.monotonic() + 60
-    while not state["ready"] and time.monotonic() < end:
-        time.sleep(0.02)
-        state = session.handle_film({}).content
-        assert state["failure"] == ""
-    assert (state["done"], state["of"]) == (5, 5)
-    reply = session.send_film({})
-    assert reply.kind == "video/webm"
-    assert reply.content.startswith(b"\x1aE\xdf\xa3")  # of every Matroska file
-    assert 'filename="small.webm"' in reply.headers["Content-Disposition"]
-    assert session.handle_film({"stop": True}).content is None
 
 
 def test_share_draws_the_gaussians_that_are_seen_most(session, scene, gaussians):

@@ -12,6 +12,7 @@
 #include "gsut/base/errors.h"
 #include "gsut/base/parallel.h"
 #include "gsut/gaussians/activations.h"
+#include "gsut/gaussians/check_gaussians.h"
 #include "gsut/gaussians/harmonics.h"
 #include "gsut/raster/reference/blend_ray.h"
 #include "gsut/raster/reference/integral.h"
@@ -37,7 +38,9 @@ int UsedCoefficients(int sh_coefficients, int sh_degree) {
 std::vector<Seen> SortedGaussians(const GaussiansView<const double>& g, const ViewRays& view,
                                   const RenderSettings& settings) {
   const BlendRule rule = settings.rule.For(g.order);
-  rule.Check();
+  CheckGaussians(g);
+  CheckViewRays(view);
+  settings.Check();
   if (g.is_linear && g.response != Response::kMaximum) {
     throw InputError("linear opacities are drawn by the maximum only");
   }
@@ -164,6 +167,7 @@ double Blend(const std::vector<Seen>& seen, const Ray& ray, const BlendRule& rul
 ReferenceImage RenderReference(const GaussiansView<const double>& gaussians, const ViewRays& view,
                                const RenderSettings& settings, const std::uint8_t* chosen,
                                const Channels<double>& channels) {
+  channels.Check(gaussians.size);
   const BlendRule rule = settings.rule.For(gaussians.order);
   const std::vector<Seen> seen = SortedGaussians(gaussians, view, settings);
   const std::int64_t pixels = static_cast<std::int64_t>(view.width) * view.height;

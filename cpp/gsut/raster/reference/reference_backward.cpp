@@ -5,9 +5,11 @@
 #include <cstdint>
 #include <vector>
 
+#include "gsut/base/check_arguments.h"
 #include "gsut/base/errors.h"
 #include "gsut/base/parallel.h"
 #include "gsut/gaussians/activations.h"
+#include "gsut/gaussians/check_gaussians.h"
 #include "gsut/gaussians/harmonics.h"
 #include "gsut/raster/reference/blend_ray.h"
 #include "gsut/raster/reference/integral.h"
@@ -167,6 +169,15 @@ void RenderReferenceBackward(const GaussiansView<const double>& gaussians, const
   if (rule.order == OrderKey::kIntegral) {
     throw InputError("order \"integral\" has no gradient; with one: distance, z, ray");
   }
+  CheckGiven(to_image.image, "gradient to the image");
+  CheckGradients(gradients, gaussians);
+  CheckGiven(ray_gradients, "rays");
+  CheckGiven(shading, "shading");
+  to_image.channels.Check(gaussians.size);
+  if (to_image.channels.count > 0) {
+    CheckGiven(to_image.channel_image, "gradient to the channels' image");
+    CheckArray(to_image.to_channels, gaussians.size, "gradient to the channels");
+  }
   const std::vector<Seen> seen = SortedGaussians(gaussians, view, settings);
   const int height = view.height;
   const int width = view.width;
@@ -241,6 +252,7 @@ void RenderReferenceBackward(const GaussiansView<const double>& gaussians, const
                              const ReferenceGradients& to_image,
                              const GaussiansView<double>& gradients, double* dpose,
                              RayGradients* rays, const std::uint8_t* chosen) {
+  CheckGiven(dpose, "dpose");
   const ViewRays view = MakeViewRays(camera, motion);
   RayGradients of_view;
   if (rays == nullptr) rays = &of_view;

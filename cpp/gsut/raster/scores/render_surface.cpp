@@ -138,7 +138,7 @@ void Renderer::SurfaceBackward(const float* dnormals, const GaussiansView<float>
   }
   const WalkScene scene = LastScene();
   CheckGiven(dnormals, "dnormals");
-  CheckGaussians(gradients);
+  CheckGradients(gradients, task_.gaussians);
   const auto tile = [&](int number, double* sums) {
     TileWalk walk(scene, number, nullptr);
     const auto to_normal = [&](int offset) {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import fnmatch
 import os
+import re
 from pathlib import Path
 
 from gsut._core import CalibrationError, InputError
@@ -105,7 +106,13 @@ def save_camera(camera: Camera, path: _Path, format: str | None = None) -> None:
 
 def _choose_format(path: Path) -> LensFormat:
     """Returns the format with the most specific pattern that the file's name matches."""
-    name = path.name.lower()
+    name, suffix = path.name.lower(), path.suffix.lower()
+    for each in list_formats():
+        if each.write is None and suffix in each.suffixes and each.name in re.split(r"\W|_", name):
+            raise InputError(
+                f"{path}: gsut reads lens files of {each.program} and writes none; use a name "
+                f"without {each.name}, or give format"
+            )
     matching = [
         ((len(pattern.rpartition("*")[2]), len(pattern)), each)
         for each in list_formats()

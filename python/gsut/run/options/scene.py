@@ -51,6 +51,9 @@ class SceneOptions:
         0.0, "Pictures", "360-degree pictures: mask everything within this angle of straight down "
         "(tripod, hand, selfie stick)", unit="degrees", low=0, high=90,
     )
+    keep_all_pixels: bool = define_option(
+        False, "Pictures", "see `gsut poses --help`",
+    )
     # fmt: on
 
     def __post_init__(self) -> None:

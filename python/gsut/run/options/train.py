@@ -44,6 +44,7 @@ class TrainOptions:
 
     FLAGS: ClassVar[tuple[str, ...]] = (
         *("preset", "steps", "seed", "threads", "scale", "max_side", "test_every", "test_names"),
+        "keep_all_pixels",
         *("shutter", "readout_time", "refine_poses", "refine_lens", "max_gaussians", "sh_degree"),
         *("primitive", "order", "background", "exposure", "surface", "robust"),
     )
@@ -88,6 +89,10 @@ class TrainOptions:
         none="the dataset's own split",
     )
 
+    keep_all_pixels: bool = define_option(
+        False, "Data", "train on pixels that show the same in all images of a camera, such as the "
+        "black around a lens' circle, bars and logos; otherwise they are left out",
+    )
     shutter: str = define_option(
         "auto", "Data", "rolling: each line of an image has its own pose, read from the top down, "
         "or in another direction; global: one pose an image; auto: as the dataset says",

@@ -25,26 +25,11 @@ class Weights:
     """The convolutions of the network, each with the normalization behind it folded in.
 
     Args:
-        path: of the weights file, an archive of torch: a zip file with one raw float32 array for
-            each tensor, and a pickle that names them, of which only the names are read.
-
-    Raises:
-        InputError: the file cannot be read, or is not that of the version known.
+        tensors: the values of each by its name, see `read_tensors`.
     """
 
-    def __init__(self, path: Path) -> None:
-        if hashlib.sha256(read_bytes(path, _MOST_BYTES)).hexdigest() != _SHA256:
-            raise FileError(
-                path, "does not hold the weights of the version that gsut knows",
-                f"install that: {INSTALL}",
-            )  # fmt: skip
-        with open_archive(path) as archive:
-            keys = _find_keys(archive.read("archive/data.pkl"))
-            self._tensors = {
-                name: np.frombuffer(archive.read(f"archive/data/{key}"), "<f4")
-                for name, key in keys.items()
-                if not name.endswith("num_batches_tracked")
-            }
+    def __init__(self, tensors: dict[str, np.ndarray]) -> None:
+        self._tensors = tensors
 
     def read_layer(self, name: str, inputs: int) -> tuple[np.ndarray, np.ndarray]:
         """Returns the kernels (O, inputs, K, K) and the biases (O,) of a convolution.
@@ -83,11 +68,35 @@ def describe_weights() -> str:
     return f"XFeat (Potje et al., CVPR 2024), weights of {_PACKAGE} {_VERSION}, Apache-2.0"
 
 
-@register_reader("weights of learned features", ".pt")
 @functools.cache
 def read_weights(path: Path) -> Weights:
-    """Reads the weights file, see `Weights`."""
-    return Weights(path)
+    """Reads the weights file.
+
+    Raises:
+        InputError: the file cannot be read, or is not that of the version known.
+    """
+    if hashlib.sha256(read_bytes(path, _MOST_BYTES)).hexdigest() != _SHA256:
+        raise FileError(
+            path, "does not hold the weights of the version that gsut knows",
+            f"install that: {INSTALL}",
+        )  # fmt: skip
+    return Weights(read_tensors(path))
+
+
+@register_reader("weights of learned features", ".pt")
+def read_tensors(path: Path) -> dict[str, np.ndarray]:
+    """Reads the tensors of an archive of torch by their names.
+
+    It is a zip file with one raw float32 array for each tensor, and a pickle that names them, of
+    which only the names are read.
+    """
+    with open_archive(path) as archive:
+        keys = _find_keys(archive.read("archive/data.pkl"))
+        return {
+            name: np.frombuffer(archive.read(f"archive/data/{key}"), "<f4")
+            for name, key in keys.items()
+            if not name.endswith("num_batches_tracked")
+        }
 
 
 def _find_keys(pickled: bytes) -> dict[str, str]:

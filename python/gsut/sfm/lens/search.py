@@ -299,12 +299,9 @@ class _Trials:
             lambda on_step: adjust_poses(images, own, poses, options, on_step, adjustment)
         )
 
-    def _show(
-        self, done: int, total: int, points: int, step: str, look: Callable[[], Solution]
-    ) -> None:
+    def _show(self, done: int, total: int, points: int, step: str) -> None:
         text = f"{done} images, {points:,} points"
         self._mapping.log.show_share("lens", self.share, text)
-        self._mapping.log.show_poses(look)
 
     def _prepare(self, run: Callable[[OnStep], Solution]) -> _Trial:
         """Returns what runs a trial; None where it fails, or finds the lens of no camera."""

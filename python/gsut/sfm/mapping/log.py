@@ -6,10 +6,8 @@ from collections.abc import Callable, Sequence
 
 from gsut.run import Stopwatch
 from gsut.sfm.photographs import OnProgress
-from gsut.sfm.solution import OnStep, Solution
+from gsut.sfm.solution import OnStep
 
-# Returns poses and points so far; valid during the call that it is given to.
-Look = Callable[[], Solution]
 _PARTS = 1000  # of a stage's progress bar
 _GROWING_SHARE = 0.5  # of mapping, until all images have a pose
 _STEP_SHARE = 0.1  # of what is left of a stage that a finishing step takes
@@ -22,7 +20,6 @@ class PosesLog:
         on_progress: called with (stage, done, total, text); `done` never falls within a stage.
         on_note: called with each note as it arises.
         on_expected: called with the names of the stages, in order.
-        on_poses: called with a `Look` whenever poses and points have changed.
     """
 
     def __init__(
@@ -30,12 +27,10 @@ class PosesLog:
         on_progress: OnProgress | None = None,
         on_note: Callable[[str], None] | None = None,
         on_expected: Callable[[Sequence[str]], None] | None = None,
-        on_poses: Callable[[Look], None] | None = None,
     ) -> None:
         self.notes: list[str] = []
         self.watch = Stopwatch()
         self._on_progress, self._on_note, self._on_expected = on_progress, on_note, on_expected
-        self._on_poses = on_poses
         self._most: dict[str, int] = {}
 
     def note(self, *texts: str) -> None:
@@ -68,18 +63,12 @@ class PosesLog:
         """Reports the share of a stage that is done."""
         self.show(stage, round(_PARTS * share), _PARTS, text)
 
-    def show_poses(self, look: Look | None) -> None:
-        """Offers a look at poses and points so far."""
-        if look is not None and self._on_poses is not None:
-            self._on_poses(look)
-
     def follow_steps(self, stage: str) -> OnStep:
         """Returns a function that reports the steps of the solver as the progress of a stage."""
         share, before = 0.0, -1
 
-        def show(done: int, total: int, points: int, step: str, look: Look | None = None) -> None:
+        def show(done: int, total: int, points: int, step: str) -> None:
             nonlocal share, before
-            self.show_poses(look)
             share = max(share, _GROWING_SHARE * done / max(1, total))
             if done <= before:
                 share += _STEP_SHARE * (1 - share)

@@ -69,7 +69,7 @@ def mask_fixed_pixels(
     valid = cv2.resize((~fixed).astype(np.uint8), sizes.pop(), interpolation=cv2.INTER_NEAREST)
     write_picture(folder / MASK, 255 * valid)
     note(
-        f"{describe_fixed_pixels(float(fixed.mean()))}: {folder / MASK} leaves it out; masks of "
-        "your own decide instead"
+        f"{describe_fixed_pixels(float(fixed.mean()))}: {folder / MASK} leaves it out; "
+        "--keep-all-pixels keeps it"
     )
     return dataclasses.replace(photographs, masks=[folder / MASK] * count)

@@ -26,7 +26,7 @@ class PosesOptions:
 
     FLAGS: ClassVar[tuple[str, ...]] = (
         *("unknown_lens", "fov", "refine_rig", "pairs", "shutter", "readout_time"),
-        *("marker", "control", "seed", "threads"),
+        *("keep_all_pixels", "marker", "control", "seed", "threads"),
     )
 
     # fmt: off
@@ -47,6 +47,10 @@ class PosesOptions:
     max_megapixels: float = define_option(
         2.1, "Features", "size of the images in which features are sought; larger ones are scaled "
         "down", unit="megapixels", low=0.01, high=1000,
+    )
+    keep_all_pixels: bool = define_option(
+        False, "Features", "use pixels that show the same in all images, such as the black around "
+        "a lens' circle, bars and logos; otherwise they are masked",
     )
     pairs: str = define_option(
         "auto", "Pairs", "images compared: all; sequential: each with the next 8, and with ever "

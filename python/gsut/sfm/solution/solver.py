@@ -38,8 +38,7 @@ _EXTEND_ROUNDS = 2
 _EXTEND_RADIUS = 2.2
 # Largest distance of a feature's descriptor, of unit length, to the mean descriptor of the point.
 _EXTEND_DISTANCE = 0.8
-# Called with (registered images, images, points, name of the step, look) after each step; look()
-# returns the `Solution` so far, during the call.
+# Called with (registered images, images, points, name of the step) after each step.
 OnStep = Callable[..., None]
 
 
@@ -77,7 +76,7 @@ def solve_poses(
     lenses = index_lenses(images.cameras, adjustment.lens_free)
     found = _core.estimate_poses(
         lenses.cameras, lenses.of_image, [f.pixels for f in images.features],
-        [p.as_tuple() for p in pairs], settings, _translate_steps(on_step, images, lenses),
+        [p.as_tuple() for p in pairs], settings, on_step,
     )  # fmt: skip
     solution = _make_solution(images, found, lenses)
     if images.shutter is None:
@@ -124,7 +123,7 @@ def adjust_poses(
     found = _core.refine_structure(
         lenses.cameras, lenses.of_image, [f.pixels for f in images.features],
         [p.as_tuple() for p in pairs], list(camera_from_world), settings,
-        _translate_steps(on_step, images, lenses),
+        on_step,
         [] if rig is None else rig.registered.astype(int).tolist(),
         None if rig is None else rig.to_settings(),
     )  # fmt: skip
@@ -210,15 +209,6 @@ def _make_settings(images: Images, options: PosesOptions, adjustment: Adjustment
         free = [[] if f is None else [int(flag) for flag in f] for f in lenses.free]
         settings |= {"lens_free": free, **state_centers(lenses, adjustment.center_sigma)}
     return settings
-
-
-def _translate_steps(on_step: OnStep, images: Images, lenses: IndexedLenses) -> OnStep:
-    """Returns what the core calls after each step: its last argument is the solver's answer."""
-
-    def show(done: int, total: int, points: int, step: str, find: Callable[[], Any]) -> None:
-        on_step(done, total, points, step, lambda: _make_solution(images, find(), lenses))
-
-    return show
 
 
 def _make_solution(images: Images, found: dict[str, Any], lenses: IndexedLenses) -> Solution:

@@ -83,6 +83,6 @@ def describe_fixed(scene: Scene) -> list[str]:
     """Returns a sentence on each different set of fixed pixels that training leaves out."""
     shares = {id(each): float(each.mean()) for each in scene.fixed if each is not None}
     return [
-        f"{describe_fixed_pixels(share)}: they are left out; masks of your own decide instead"
+        f"{describe_fixed_pixels(share)}: they are left out; --keep-all-pixels keeps them"
         for share in shares.values()
     ]

@@ -27,7 +27,7 @@ def prepare_scene(scene: Scene, options: TrainOptions) -> Scene:
         most = max(max(c.width, c.height) for c in scene.cameras)
         small = scene.scale_images(o.max_side / most, decodes_small=True)
         small = small.replace(notes=(*small.notes, note))
-    fixed = find_fixed_of_cameras(small)
+    fixed = () if o.keep_all_pixels else find_fixed_of_cameras(small)
     if fixed:
         small = small.replace(fixed=fixed)
     if o.shutter in READOUTS:

@@ -82,16 +82,10 @@ class Core {
   // parts: means, quats, log_scales, opacity_logits, sh as Float32Array, in this order.
   setScene(size, coefficients, parts) {
     let at = this.c.web_make_scene(size, coefficients) || this.check(-1);
-    this.scene = { at, size, coefficients };
     for (const part of parts) {
       this.floats(at, part.length).set(part);
       at += 4 * part.length;
     }
-  }
-  paintScene(logits, colors) { // colors: flat (n, 3), the first harmonics
-    const { at, size, coefficients } = this.scene, sh = this.floats(at + 44 * size, 3 * coefficients * size);
-    this.floats(at + 40 * size, size).set(logits); // behind means, quats and log_scales
-    for (let i = 0; i < size; i++) sh.set(colors.subarray(3 * i, 3 * i + 3), 3 * coefficients * i);
   }
   // Fills what is open of an image over black, in place; valid: which pixels have a ray.
   fillSurroundings({ width, height, image, alpha, valid }) {

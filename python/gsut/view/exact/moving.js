@@ -132,11 +132,10 @@ class MovingPicture {
       bytes.set(stored.colors.subarray(3 * i, 3 * i + 3), 3 * coefficients * i);
       bytes.set(stored.rest.subarray(rest * i, rest * (i + 1)), 3 * coefficients * i + 3);
     }
-    this.tables?.forEach((texture) => gl.deleteTexture(texture));
     this.size = size;
-    this.from = "";
-    this.tables = [this.table("gaussians", gl.RGBA32F, gl.RGBA, gl.FLOAT, numbers), this.table("harmonics", gl.RGB8, gl.RGB, gl.UNSIGNED_BYTE, bytes),
-      this.table("order", gl.R32UI, gl.RED_INTEGER, gl.UNSIGNED_INT, new Uint32Array(whole(size)))];
+    this.table("gaussians", gl.RGBA32F, gl.RGBA, gl.FLOAT, numbers);
+    this.table("harmonics", gl.RGB8, gl.RGB, gl.UNSIGNED_BYTE, bytes);
+    this.table("order", gl.R32UI, gl.RED_INTEGER, gl.UNSIGNED_INT, new Uint32Array(whole(size)));
     this.quads("coefficients", "1i", coefficients);
   }
   keep(key, make) { // what make() returns, of the latest keys

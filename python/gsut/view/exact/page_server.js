@@ -57,7 +57,7 @@ function readScene(bytes) {
     const from = 3 * (coefficients - 1);
     for (let k = 0; k < from; k++) sh[3 * coefficients * i + 3 + k] = (rest[from * i + k] - 128) / 128;
   }
-  return { size, coefficients, antialiased: Boolean(bytes[14] & 1), stored: { colors, rest }, parts: [means, quats, Float32Array.from({ length: 3 * size }, (_, at) => scales[(at % 3) * size + Math.floor(at / 3)] / 16 - 10), logits, sh] };
+  return { size, coefficients, stored: { colors, rest }, parts: [means, quats, Float32Array.from({ length: 3 * size }, (_, at) => scales[(at % 3) * size + Math.floor(at / 3)] / 16 - 10), logits, sh] };
 }
 
 const toFirstHarmonic = (stored) => (stored / 255 - 0.5) / 0.15;
@@ -107,7 +107,6 @@ class PageServer {
   constructor() {
     this.lenses = []; // by number: model, params, width, height, valid_field_angle
     this.resized = new Map(); // text of a lens' number and a size -> the lens at that size
-    this.edits = new PageEdits(this);
     this.central = new Map(); // model -> whether its rays meet in one point
     this.ready = this.start();
   }
@@ -185,13 +184,10 @@ class PageServer {
     if (name === "scene") return { ...this.content.scene, lenses: this.lenses.map((_, number) => this.describe(number)), models: Object.fromEntries(Object.entries(this.models).map(([model, { names }]) => [model, names])), num_gaussians: this.gaussians.size };
     if (name === "lens") return this.describe(this.lenses.push(await this.makeLens(values)) - 1);
     if (name === "pick") return this.pick(values);
-    if (name === "edits") return this.edits.apply(values.steps);
     throw new Error(`${name} needs gsut view`);
   }
   photo(view) { return this.content.photographs[view]; }
   async file(name, values) {
-    if (name === "scene.ply") return this.edits.writeScene();
-    if (name === "edits.json") return new Blob([JSON.stringify({ edits: values.steps.map((step) => this.edits.describe(step)) }) + "\n"], { type: "application/json" });
     if (name === "camera") {
       const { turns } = values, poses = values.poses.map((pose) => asStored({ ...values, pose })), rows = (m) => [0, 4, 8, 12].map((k) => m.slice(k, k + 4));
       const { turns: _, ...lens } = this.resize(values.lens, poses[0].width, poses[0].height);

@@ -26,7 +26,6 @@ const TASKS = {
     core = await Core.load(bytes);
     core.setScene(size, coefficients, parts);
   },
-  paint({ logits, colors }) { core.paintScene(logits, colors); },
   // rows: of tiles, [begin, end); returns the pixels of these rows.
   draw({ lens, rows, ...job }) {
     const began = performance.now(), { width, height } = lens, camera = findCamera(lens);
