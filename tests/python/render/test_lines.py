@@ -272,11 +272,7 @@ def test_cahvore_wrong_parameters_say_what_to_do(params, says):
     ids=lambda camera: camera.model,
 )
 def test_train_from_random_places_through_a_lens_without_one_centre_learns(tmp_path, rng, camera):
-    read = gsut.load_dataset(rendered_dataset.write_dataset(tmp_path / "d", rng, camera=camera))
-    scene = gsut.Scene(
-        read.path, [camera], read.views, read.points, read.point_colors, read.train_indices,
-        read.test_indices, read.world_offset,
-    )  # fmt: skip
+    scene = gsut.load_dataset(rendered_dataset.write_dataset(tmp_path / "d", rng, camera=camera))
     options = gsut.TrainOptions(steps=150, max_gaussians=800, init="random", sh_degree=0)
     found = gsut.train(scene, options, progress=False).metrics["psnr"]
     print(camera.model, found)
