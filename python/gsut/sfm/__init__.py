@@ -1,7 +1,7 @@
 """Structure from motion: photographs and a lens in, camera poses and points out."""
 
 from gsut.sfm.mapping import PosesLog
-from gsut.sfm.photographs import PosesOptions, add_lens_readout, check_lens
+from gsut.sfm.photographs import PosesOptions, check_lens
 from gsut.sfm.pipeline import (
     PosesResult,
     find_poses,
@@ -23,7 +23,6 @@ __all__ = [
     "PosesLog",
     "PosesOptions",
     "PosesResult",
-    "add_lens_readout",
     "check_lens",
     "compare_datasets",
     "compare_poses",

@@ -24,7 +24,7 @@ from gsut.sfm.photographs.listing import (
     require_central,
 )
 from gsut.sfm.photographs.moments import order_by_folder
-from gsut.sfm.photographs.options import PosesOptions, add_lens_readout
+from gsut.sfm.photographs.options import PosesOptions
 from gsut.sfm.photographs.stages import Stages, digest_key
 
 __all__ = [
@@ -40,7 +40,6 @@ __all__ = [
     "Photographs",
     "PosesOptions",
     "Stages",
-    "add_lens_readout",
     "check_lens",
     "collect_features",
     "detect_features",
