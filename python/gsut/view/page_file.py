@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import base64
-import dataclasses
 import gzip
 import html
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -23,6 +23,7 @@ from gsut.files import (
     write_file,
 )
 from gsut.formats import WriteSettings, prepare_for_file, save_gaussians
+from gsut.gaussians import order_by_morton_code
 from gsut.orientation import turn_size
 from gsut.view.named_views import NamedView
 from gsut.view.stage import Stage
@@ -32,16 +33,13 @@ _PHOTO_SIDE = 800
 # Longer side in pixels of the picture that programs show beside a link to the page.
 _PREVIEW_SIDE = 1200
 # What the page can show by itself.
-_MODES = ("color", "distance", "alpha", "error")
-# Colours that the page maps distances and errors to, as the viewer does.
-_COLOR_MAPS = ("turbo", "inferno")
+_MODES = ("color", "distance")
 # The page's scripts, in the order in which they run.
 _SCRIPTS = (
-    "exact/core.js", "exact/card.js", "exact/moving.js", "exact/page_server.js", "select.js",
-    "view.js",
+    "exact/core.js", "exact/moving.js", "exact/page_server.js", "select.js", "view.js",
 )  # fmt: skip
 # Texts that these hand on: workers run scripts of their own, a graphics card runs shaders.
-_TEXTS = ("exact/worker.js", "exact/order.js", "exact/forward.wgsl", "exact/moving.glsl")
+_TEXTS = ("exact/worker.js", "exact/order.js", "exact/moving.glsl")
 # Bytes of a scene or a program: an array of a browser holds no more.
 _MOST_BYTES = 1 << 31
 # Bytes of the header of an SPZ.
@@ -56,8 +54,6 @@ _FEW_PERCENT = 5.0
 _DIGITS = "".join(chr(code) for code in range(33, 127) if chr(code) not in '"<\\')
 # Bits that two of them hold.
 _PAIR_BITS = 13
-# Bits of a coordinate in the curve by which Gaussians are ordered.
-_CURVE_BITS = 16
 # The page may load nothing: scripts, styles, pictures and workers are its own.
 _POLICY = (
     "default-src 'none'; script-src 'unsafe-inline' 'wasm-unsafe-eval' blob:; worker-src blob:; "
@@ -69,53 +65,42 @@ _NOTICE = (
 )
 
 
-@dataclasses.dataclass(frozen=True)
-class PageSettings:
-    """What a page carries beside the scene.
-
-    Attributes:
-        photographs: how many held-out photographs at most; the others are left out.
-        title: of the page; the stage's name if None.
-        views: to choose from; the page starts at the first.
-        address: where the page will be published; programs that show links then find a picture,
-            which is written beside the page as .jpg.
-        credit: who made the scene.
-    """
-
-    photographs: int
-    title: str | None = None
-    views: tuple[NamedView, ...] = ()
-    address: str | None = None
-    credit: str | None = None
-
-
-def write_page(path: Path, session: Any, settings: PageSettings) -> Any:
+def write_page(
+    path: Path, session: Any, photographs: int, views: Sequence[NamedView] = (),
+    title: str | None = None, address: str | None = None, credit: str | None = None,
+) -> Any:  # fmt: skip
     """Writes a page that shows a stage by gsut's own renderer, without a server.
 
     Args:
         path: of the page, .html.
         session: a `Session` of a stage with Gaussians.
-        settings: what the page carries beside the scene.
+        photographs: how many held-out photographs at most; the others are left out.
+        views: to choose from; the page starts at the first.
+        title: of the page; the stage's name if None.
+        address: where the page will be published; programs that show links then find a picture,
+            which is written beside the page as .jpg.
+        credit: who made the scene.
 
     Returns:
         What became of the Gaussians, which the page holds as SPZ does.
     """
     stage = session.stage
     whole = session.shown.load_all()
-    whole = whole[_order_along_curve(whole.means)]
+    if len(whole):  # neighbours differ little, which packs well
+        whole = whole[order_by_morton_code(whole.means)]
     with TemporaryDirectory(prefix="gsut-") as folder:
         scene = Path(folder) / "scene.spz"
         written = save_gaussians(scene, whole, WriteSettings(antialiased=stage.antialiased))
         packed = _pack_scene(unpack_gzip(read_bytes(scene), scene, _MOST_BYTES))
-    content = _describe(session, _choose_photographs(stage, settings.photographs))
+    content = _describe(session, _choose_photographs(stage, photographs))
     content["origin"] = prepare_for_file(whole).origin
-    if settings.title is not None:
-        content["scene"]["name"] = settings.title
-    content["scene"]["credit"] = settings.credit
-    content["scene"]["presets"] = [_add_view(view, stage, content) for view in settings.views]
-    if settings.address is not None:
-        write_file(path.with_suffix(".jpg"), _draw_preview(session, settings))
-    write_file(path, _assemble(content, packed, _describe_link(path, content, settings)))
+    if title is not None:
+        content["scene"]["name"] = title
+    content["scene"]["credit"] = credit
+    content["scene"]["presets"] = [_add_view(view, stage, content) for view in views]
+    if address is not None:
+        write_file(path.with_suffix(".jpg"), _draw_preview(session, views))
+    write_file(path, _assemble(content, packed, _describe_link(path, content["scene"], address)))
     return written
 
 
@@ -129,13 +114,12 @@ def _add_view(view: NamedView, stage: Stage, content: dict[str, Any]) -> dict[st
     return {"name": view.name, "lens": lens, "turns": view.turns, "poses": poses}
 
 
-def _draw_preview(session: Any, settings: PageSettings) -> bytes:
+def _draw_preview(session: Any, views: Sequence[NamedView]) -> bytes:
     """Draws the page's first view as JPEG."""
     stage = session.stage
     camera, pose, turns = stage.cameras[0], stage.place()["pose"], 0
-    if settings.views:
-        first = settings.views[0]
-        camera, pose, turns = first.camera, first.poses[0], first.turns
+    if views:
+        camera, pose, turns = views[0].camera, views[0].poses[0], views[0].turns
     width, height = turn_size(camera.width, camera.height, turns)
     shrink = _PREVIEW_SIDE / max(width, height)
     wanted = {
@@ -145,15 +129,14 @@ def _draw_preview(session: Any, settings: PageSettings) -> bytes:
     return bytes(session.draw_frame(wanted).content)
 
 
-def _describe_link(path: Path, content: dict[str, Any], settings: PageSettings) -> str:
+def _describe_link(path: Path, scene: dict[str, Any], address: str | None) -> str:
     """Describes the page to programs that show a link to it (Open Graph)."""
-    count, address = content["scene"]["num_gaussians"], settings.address
     values = {
-        "title": content["scene"]["name"], "type": "website",
-        "description": f"A scene of {count:,} Gaussians to walk through",
+        "title": scene["name"], "type": "website",
+        "description": f"A scene of {scene['num_gaussians']:,} Gaussians to walk through",
     }  # fmt: skip
-    if settings.credit is not None:
-        values["description"] += f" · {settings.credit}"
+    if scene["credit"] is not None:
+        values["description"] += f" · {scene['credit']}"
     if address is not None:
         picture = urljoin(address, path.with_suffix(".jpg").name)
         values |= {"url": address, "image": picture}
@@ -224,20 +207,6 @@ def _pack_scene(spz: bytes) -> bytes:
     )
 
 
-def _order_along_curve(means: np.ndarray) -> np.ndarray:
-    """Orders points so that neighbours follow each other: by Morton's curve."""
-    low = means.min(axis=0, initial=0.0)
-    span = float(np.ptp(means, axis=0).max(initial=0.0)) or 1.0
-    cells = ((means - low) / span * (2**_CURVE_BITS - 1)).astype(np.uint64)
-    codes = np.zeros(len(means), np.uint64)
-    for bit in range(_CURVE_BITS):
-        for axis in range(3):
-            codes |= ((cells[:, axis] >> np.uint64(bit)) & np.uint64(1)) << np.uint64(
-                3 * bit + axis
-            )
-    return np.argsort(codes, kind="stable")
-
-
 def _encode(data: bytes) -> str:
     """Compresses bytes and writes them as text, two of 91 digits for 13 bits.
 
@@ -293,7 +262,7 @@ def _describe(session: Any, rows: list[int]) -> dict[str, Any]:
         "scene": scene, "lenses": lenses, "photographs": photographs, "motions": motions,
         "background": stage.background,
         "offset": np.zeros(3) if stage.scene is None else stage.scene.world_offset,
-        "colors": {name: _sample_colors(name) for name in _COLOR_MAPS},
+        "colors": _sample_colors(),
     }  # fmt: skip
 
 
@@ -317,10 +286,10 @@ def _describe_motion(view: Any) -> dict[str, Any] | None:
     }  # fmt: skip
 
 
-def _sample_colors(name: str) -> list[int]:
-    """Samples a colour map at 256 steps, red, green, blue."""
+def _sample_colors() -> list[int]:
+    """Samples the colour map of distances at 256 steps, red, green, blue, as the viewer has it."""
     import cv2
 
     steps = np.arange(256, dtype=np.uint8)[:, None]
-    mapped = cv2.applyColorMap(steps, getattr(cv2, f"COLORMAP_{name.upper()}"))
+    mapped = cv2.applyColorMap(steps, cv2.COLORMAP_TURBO)
     return [int(value) for value in mapped[:, 0, ::-1].ravel()]
