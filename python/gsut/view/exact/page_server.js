@@ -8,8 +8,6 @@ const MOST_WORKERS = 4;
 const KEPT_LENSES = 64;
 // Alpha above which a pixel shows something.
 const SEEN = 0.5;
-// Error, of full scale, that is shown in the last colour.
-const MOST_ERROR = 0.25;
 // Percentiles of the distances that the colours span.
 const RANGE = [0.02, 0.98];
 // Most pixels along a side of a lens from a file.
@@ -263,7 +261,7 @@ class PageServer {
   draw(values, depth) { return this.inTurn(() => this.drawRows(values, depth)); }
   async drawRows(values, depth) { // all rows by all workers, as floats
     const lens = this.resize(values.lens, values.width, values.height), { width, height } = lens, rows = Math.ceil(height / 16);
-    const background = this.content.background ?? [0, 0, 0], alpha = depth || values.mode === "alpha" || !this.content.background;
+    const background = this.content.background ?? [0, 0, 0], alpha = depth || !this.content.background;
     const job = { lens, background, alpha, depth, ...this.place(values) };
     const whole = Object.assign(await this.drawOnWorkers(lens, job, rows), { width, height, lens });
     if (!this.content.background) this.core.fillSurroundings(whole);
@@ -299,14 +297,9 @@ class PageServer {
     if (values.moving && this.isSmooth(values)) return this.drawMoving(values, turns);
     const began = performance.now(), drawn = await this.draw(values, values.mode === "distance"), { width, height } = drawn;
     const data = new ImageData(width, height), out = data.data;
-    const span = values.mode === "distance" ? this.colorDistances(drawn, out) : values.mode === "error" ? await this.colorErrors(drawn, values.view, turns, out) : null;
+    const span = values.mode === "distance" ? this.colorDistances(drawn, out) : null;
     if (!span) {
-      const gray = values.mode === "alpha", from = gray ? drawn.alpha : drawn.image, step = gray ? 1 : 3, next = gray ? 0 : 1;
-      for (let i = 0, at = 0; i < width * height; i++, at += step) {
-        out[4 * i] = 255 * from[at];
-        out[4 * i + 1] = 255 * from[at + next];
-        out[4 * i + 2] = 255 * from[at + 2 * next];
-      }
+      for (let i = 0; i < width * height; i++) for (let k = 0; k < 3; k++) out[4 * i + k] = 255 * drawn.image[3 * i + k];
     }
     for (let i = 3; i < out.length; i += 4) out[i] = 255;
     const picture = Object.assign(document.createElement("canvas"), { width, height }), brush = picture.getContext("2d");
@@ -315,30 +308,15 @@ class PageServer {
     const by = `WebAssembly on ${this.workers.length} thread${this.workers.length > 1 ? "s" : ""}`;
     return { picture: turns ? turnedPicture(picture, turns) : picture, span, way: `${Math.round(performance.now() - began)} ms, ${by}` };
   }
-  paint(out, i, level, map) {
-    const at = 3 * Math.max(0, Math.min(255, Math.round(255 * level))), colors = this.content.colors[map];
-    for (let k = 0; k < 3; k++) out[4 * i + k] = colors[at + k];
-  }
   colorDistances({ alpha, depth }, out) {
     const distance = depth.map((value, i) => (alpha[i] > SEEN ? value / alpha[i] : NaN)), known = distance.filter(Number.isFinite).sort();
     const pick = (share) => known[Math.round(share * (known.length - 1))];
     const near = known.length ? pick(RANGE[0]) : 1, far = Math.max(known.length ? pick(RANGE[1]) : 2, near * 1.001 + 1e-9);
-    distance.forEach((value, i) => value === value && this.paint(out, i, (1 / value - 1 / far) / (1 / near - 1 / far), "turbo"));
+    distance.forEach((value, i) => {
+      const at = 3 * Math.max(0, Math.min(255, Math.round(255 * (1 / value - 1 / far) / (1 / near - 1 / far))));
+      if (value === value) for (let k = 0; k < 3; k++) out[4 * i + k] = this.content.colors[at + k];
+    });
     return `${near} ${far}`;
-  }
-  async colorErrors({ width, height, image, valid }, view, turns, out) {
-    const shown = await createImageBitmap(await (await fetch(this.photo(view))).blob(), { colorSpaceConversion: "none" });
-    const picture = turns ? turnedPicture(shown, 4 - turns) : shown;
-    const brush = Object.assign(document.createElement("canvas"), { width, height }).getContext("2d");
-    brush.imageSmoothingQuality = "high";
-    brush.drawImage(picture, 0, 0, width, height);
-    const truth = brush.getImageData(0, 0, width, height).data;
-    for (let i = 0; i < width * height; i++) {
-      if (!valid[i]) continue;
-      const off = [0, 1, 2].reduce((sum, k) => sum + Math.abs(Math.max(0, Math.min(1, image[3 * i + k])) - truth[4 * i + k] / 255), 0) / 3;
-      this.paint(out, i, off / MOST_ERROR, "inferno");
-    }
-    return `0 ${MOST_ERROR}`;
   }
   drawMarks(brush, lens, { pose, marks }) {
     const inCamera = (p) => [0, 1, 2].map((k) => pose[4 * k] * p[0] + pose[4 * k + 1] * p[1] + pose[4 * k + 2] * p[2] + pose[4 * k + 3]);
