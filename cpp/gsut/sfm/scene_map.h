@@ -16,6 +16,10 @@ namespace gsut {
 // Tracks of a chunk of parallel work.
 inline constexpr std::int64_t kTrackGrain = 256;
 
+// Throws InputError for an index out of range, or a list whose length does not fit; says which.
+void CheckStructure(const std::vector<Camera>& cameras, const std::vector<ImageFeatures>& images,
+                    const StructureOptions& options);
+
 class SceneMap {
  public:
   struct Observation {

@@ -160,10 +160,6 @@ struct Structure {
 // Whether tracks can be extended: all images that have features have descriptors.
 bool HasDescriptors(const std::vector<ImageFeatures>& images);
 
-// Throws InputError for an index out of range, or a list whose length does not fit; says which.
-void CheckStructure(const std::vector<Camera>& cameras, const std::vector<ImageFeatures>& images,
-                    const StructureOptions& options);
-
 struct StructureProgress {
   int registered = 0, images = 0, points = 0;
   const char* step = "";  // what was just done
