@@ -11,6 +11,7 @@ from gsut.sfm.solution.adjustment import (
     StatedPlaces,
     StatedPoints,
     StatedTurns,
+    find_lens_prior,
     index_lenses,
 )
 from gsut.sfm.solution.evidence import compare_solutions
@@ -55,6 +56,7 @@ __all__ = [
     "compare_solutions",
     "evaluate_observations",
     "find_further_models",
+    "find_lens_prior",
     "index_lenses",
     "measure_agreement",
     "measure_diagonal",
