@@ -270,7 +270,7 @@ def test_lens_of_few_noisy_images_is_held_by_what_is_known_of_distortion(seed):
 
 def test_prior_of_coefficients_is_a_lens_that_bends_as_the_first_one_says():
     bend = 0.7
-    lens = make_lens(640, 480, 100.0, bend)
+    lens = make_lens(640, 480, 60.0, bend)
     free = np.ones(8, np.uint8)
     mean, sigma = find_lens_prior(lens, free)
     assert mean == pytest.approx(lens.params)  # the coefficients of such a lens, and the middle

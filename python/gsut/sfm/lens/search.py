@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -180,9 +180,6 @@ class _Trials:
         self.refused.append(reason)
         return None
 
-    def _show(
-        self, done: int, total: int, points: int, step: str, look: Callable[[], Solution]
-    ) -> None:
+    def _show(self, done: int, total: int, points: int, step: str) -> None:
         text = f"{done} images, {points:,} points"
         self._mapping.log.show_share("lens", 0.25 + 0.5 * done / total, text)
-        self._mapping.log.show_poses(look)
