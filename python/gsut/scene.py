@@ -177,7 +177,7 @@ def _announce(options: SceneOptions, pictures: Capture) -> str:
 
 
 def _make_training_options(options: SceneOptions) -> TrainOptions:
-    given = {} if options.steps is None else {"steps": options.steps}
+    given: dict[str, Any] = {} if options.steps is None else {"steps": options.steps}
     return TrainOptions(preset=options.preset, keep_all_pixels=options.keep_all_pixels, **given)
 
 
