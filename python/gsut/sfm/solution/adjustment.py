@@ -21,7 +21,7 @@ CENTER = (2, 3)
 CENTER_SIGMA = 0.012
 # Standard deviation of what a higher coefficient of the distortion shifts the edge of a picture by,
 # over its distance from the middle.
-_EDGE_SIGMA = 0.05
+_EDGE_SIGMA = 0.2
 LOSS_SCALE = 1.5  # of the Cauchy loss, in medians of the residuals
 MIN_INLIERS = 15  # fewest of an image while the structure grows
 
