@@ -17,21 +17,3 @@ from gsut.sfm.world import (
     fit_positions,
     read_positions,
 )
-
-__all__ = [
-    "PoseErrors",
-    "PosesLog",
-    "PosesOptions",
-    "PosesResult",
-    "check_lens",
-    "compare_datasets",
-    "compare_poses",
-    "find_poses",
-    "fit_positions",
-    "is_finished",
-    "read_finished",
-    "read_positions",
-    "read_scale_sigma",
-    "run_mapping",
-    "start_mapping",
-]

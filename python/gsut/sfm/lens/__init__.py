@@ -8,19 +8,3 @@ from gsut.sfm.lens.doubt import describe_cameras, describe_doubt, judge_lens
 from gsut.sfm.lens.information import GROUPS, WeightedObservations, differentiate_by_turn
 from gsut.sfm.lens.sightings import index_points, join_points
 from gsut.sfm.lens.still_camera import require_motion
-
-__all__ = [
-    "GROUPS",
-    "TURNED",
-    "WeightedObservations",
-    "describe_cameras",
-    "describe_doubt",
-    "differentiate_by_turn",
-    "free_center",
-    "guess_lenses",
-    "index_points",
-    "join_points",
-    "judge_lens",
-    "require_motion",
-    "search_lenses",
-]
