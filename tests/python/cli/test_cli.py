@@ -268,7 +268,7 @@ def test_render_along_each_path_writes_its_images(run, tmp_path, monkeypatch):
         ("orbit", ["00000.png", "00001.png", "00002.png", "00003.png"]),
         ("train", ["00000.png", "00001.png", "00002.png", "00003.png"]),
         ("test", ["images_0.png", "images_3.png"]),
-        (str(file), ["00000.png", "00001.png", "00002.png"]),
+        (str(file), ["00000.png", "00001.png", "00002.png", "00003.png"]),
     ):
         out = tmp_path / f"out{count}"
         words = ["render", str(run.path), "--path", path, "--frames", "4", "-o", str(out)]
