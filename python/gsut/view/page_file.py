@@ -50,10 +50,6 @@ _PACKED = b"GPAG"
 _STEP_SHARE = 1 / 16
 # Percentile of the Gaussians' smallest standard deviations that counts as a small one.
 _FEW_PERCENT = 5.0
-# Digits of the texts that hold bytes: printable, and none that ends or quotes a text.
-_DIGITS = "".join(chr(code) for code in range(33, 127) if chr(code) not in '"<\\')
-# Bits that two of them hold.
-_PAIR_BITS = 13
 # The page may load nothing: scripts, styles, pictures and workers are its own.
 _POLICY = (
     "default-src 'none'; script-src 'unsafe-inline' 'wasm-unsafe-eval' blob:; worker-src blob:; "
@@ -208,17 +204,8 @@ def _pack_scene(spz: bytes) -> bytes:
 
 
 def _encode(data: bytes) -> str:
-    """Compresses bytes and writes them as text, two of 91 digits for 13 bits.
-
-    The first character is the number of bytes that the last digits hold too many.
-    """
-    packed = np.frombuffer(gzip.compress(data, 9, mtime=0), np.uint8)
-    bits = np.unpackbits(packed)
-    rows = np.pad(bits, (0, -len(bits) % _PAIR_BITS)).reshape(-1, _PAIR_BITS)
-    words = rows @ (1 << np.arange(_PAIR_BITS)[::-1])
-    digits = np.frombuffer(_DIGITS.encode(), np.uint8)
-    pairs = digits[np.stack(np.divmod(words, len(_DIGITS)), axis=1)]
-    return f"{rows.size // 8 - len(packed)}{pairs.tobytes().decode()}"
+    """Compresses bytes and writes them as text."""
+    return base64.b64encode(gzip.compress(data, 9, mtime=0)).decode()
 
 
 def _embed(name: str, kind: str, text: str) -> str:

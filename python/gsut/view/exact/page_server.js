@@ -12,8 +12,6 @@ const SEEN = 0.5;
 const RANGE = [0.02, 0.98];
 // Most pixels along a side of a lens from a file.
 const MOST_SIDE = 65536;
-// Most parameters with a slider.
-const MOST_SLIDERS = 24;
 // Columns at which the field of view is measured, and bisections of a focal length.
 const FIELD_SAMPLES = 129, SEARCH_STEPS = 60;
 
@@ -204,20 +202,13 @@ class PageServer {
     });
   }
   describe(number) {
-    const lens = this.lenses[number], names = this.models[lens.model].names.split(" "), sliders = [];
+    const lens = this.lenses[number], names = this.models[lens.model].names.split(" ");
     const described = this.borrow(lens, (camera) => {
       const { rays, valid } = this.core.unproject(camera, [lens.width / 2 - 0.5, lens.height / 2, lens.width / 2 + 0.5, lens.height / 2]);
       const apart = Math.hypot(rays[1] * rays[5] - rays[2] * rays[4], rays[2] * rays[3] - rays[0] * rays[5], rays[0] * rays[4] - rays[1] * rays[3]);
       return { max_angle: this.core.describeCamera(camera).max_angle * 180 / Math.PI, radians_per_pixel: (valid[0] && valid[1] && apart) || 1 / lens.width };
     });
-    for (const [k, value] of lens.params.slice(0, MOST_SLIDERS).entries()) {
-      const name = names[k] ?? "...";
-      if (name === "control_points") break;
-      const most = Math.max(3 * Math.abs(value), 0.05);
-      const [low, high] = name === "fx" || name === "fy" ? [value / 4, value * 4] : name === "cx" ? [0, lens.width] : name === "cy" ? [0, lens.height] : [-most, most];
-      sliders.push({ name: name === "..." ? `coefficient ${k + 1}` : name, value, low, high });
-    }
-    return { id: number, ...lens, params: lens.params.slice(0, MOST_SLIDERS), sliders, field_of_view: this.fieldOf(lens), can_zoom: names.includes("fx") && names.includes("fy"), ...described };
+    return { id: number, ...lens, sliders: [], field_of_view: this.fieldOf(lens), can_zoom: names.includes("fx") && names.includes("fy"), ...described };
   }
   async makeLens(values) {
     let lens = this.lenses[values.id ?? 0];
@@ -225,7 +216,6 @@ class PageServer {
     if (values.name) {
       lens = readLensFile(this.core, values.name, new TextDecoder().decode(Uint8Array.from(atob(values.base64), (letter) => letter.charCodeAt(0))));
     }
-    if (values.params) lens = { ...lens, params: [...values.params, ...lens.params.slice(values.params.length)] };
     const names = this.models[lens.model].names.split(" "), at = names.indexOf("cx");
     if (values.fit && at >= 0 && !this.models[lens.model].has_table) {
       const wide = Math.max(1, Math.round(lens.height * values.fit[0] / values.fit[1]));
