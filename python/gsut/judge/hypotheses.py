@@ -40,6 +40,8 @@ class Hypothesis(Generic[Given]):
         subject: "poses" or "lens".
         suppose: yields what may have been meant; may climb by the rating that it gets.
         is_gross: if it is so, the given dataset explains little.
+        is_everywhere: if it is so, every group of images that it touches fits better by it; where
+            some do not, it must explain much.
         free: number of the numbers that it estimates.
     """
 
@@ -48,6 +50,7 @@ class Hypothesis(Generic[Given]):
     subject: str
     suppose: Callable[[Given, Rate[Given]], Iterable[Variant[Given]]]
     is_gross: bool = False
+    is_everywhere: bool = False
     free: int = 0
 
 
