@@ -8,7 +8,6 @@ of ours; anything else ends the run, and the file that did it is kept.
 from __future__ import annotations
 
 import argparse
-import dataclasses
 import importlib.util
 import random
 import re
@@ -16,7 +15,6 @@ import shutil
 import sys
 import tempfile
 import time
-from collections.abc import Callable
 from pathlib import Path
 
 from reader_examples import EXAMPLES
@@ -25,21 +23,6 @@ from wrong_files import find_fault
 NUMBERS = (b"0", b"-1", b"1e308", b"nan", b"inf", b"-inf", b"9223372036854775807", b"1e-320",
            b"4294967296", b"true", b"null", b'""', b"[]", b"{}", b"9" * 400)  # fmt: skip
 MEMORY = 4 << 30  # bytes that reading a file of some kilobytes may take
-
-
-@dataclasses.dataclass(frozen=True)
-class Target:
-    """A reader and what it reads.
-
-    Attributes:
-        name: of the format.
-        file: which is changed.
-        read: reads it, or the folder around it.
-    """
-
-    name: str
-    file: Path
-    read: Callable[[], object]
 
 
 def change_bytes(content: bytes, chance: random.Random) -> bytes:
@@ -82,18 +65,15 @@ def fuzz(folder: Path, seconds: float, seed: int, rounds: int | None = None) -> 
     targets = []
     for name, make in EXAMPLES.items():
         (folder / name).mkdir()
-        targets.append(Target(name, *make(folder / name)))
-    whole = [target.file.read_bytes() for target in targets]
-    for target in targets:
-        said = find_fault(target.read)
-        assert not said, f"{target.name}, as it was written: {said}"
+        file, read = make(folder / name)
+        assert not (said := find_fault(read)), f"{name}, as it was written: {said}"
+        targets.append((name, file, file.read_bytes(), read))
     chance, end, count = random.Random(seed), time.monotonic() + seconds, 0
     while time.monotonic() < end and (rounds is None or count < rounds * len(targets)):
-        target, content = targets[count % len(targets)], whole[count % len(targets)]
-        target.file.write_bytes(change_bytes(content, chance))
-        said = find_fault(target.read)
-        assert not said, f"{target.name}: {target.file}: {said}"
-        target.file.write_bytes(content)
+        name, file, content, read = targets[count % len(targets)]
+        file.write_bytes(change_bytes(content, chance))
+        assert not (said := find_fault(read)), f"{name}: {file}: {said}"
+        file.write_bytes(content)
         count += 1
     return len(targets), count
 

@@ -49,11 +49,22 @@ class Mistake:
 def _each_pose(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[Values, Path], None]:
     def make(values: Values, _: Path) -> None:
         for frame in values["frames"]:
-            for key in _KEYS:
-                if key in frame:
-                    frame[key] = change(np.array(frame[key], np.float64)).tolist()
+            _change(frame, change)
 
     return make
+
+
+def _change(frame: Values, change: Callable[[np.ndarray], np.ndarray]) -> None:
+    """Changes the pose of a frame, or both of a rolling shutter's."""
+    for key in _KEYS:
+        if key in frame:
+            frame[key] = change(np.array(frame[key], np.float64)).tolist()
+
+
+def _sort_frames(values: Values) -> tuple[list[Values], np.ndarray]:
+    """Returns the frames in the order of their names, and their positions (N, 3)."""
+    frames = sorted(values["frames"], key=lambda frame: Path(frame["file_path"]).name)
+    return frames, np.array([np.array(f["transform_matrix"])[:3, 3] for f in frames])
 
 
 def _parts(m: np.ndarray, rotation: np.ndarray | None = None, t: np.ndarray | None = None):
@@ -270,10 +281,7 @@ def _along_path(
         for group in groups.values():
             for place, frame in enumerate(group):
                 share = place / max(len(group) - 1, 1)
-                for key in _KEYS:
-                    if key in frame:
-                        old = np.array(frame[key], np.float64)
-                        frame[key] = change(old, share, center, size).tolist()
+                _change(frame, lambda old, share=share: change(old, share, center, size))
 
     return make
 
@@ -287,35 +295,25 @@ def _in_another_world(m: np.ndarray, share: float, _: np.ndarray, size: float) -
 
 def _scale_steps(values: Values, _: Path) -> None:
     """Positions are summed from steps that grow to 1.5 times their length."""
-    frames = sorted(values["frames"], key=lambda frame: Path(frame["file_path"]).name)
-    old = {key: [np.array(f[key], np.float64) for f in frames if key in f] for key in _KEYS}
-    at = np.array([m[:3, 3] for m in old["transform_matrix"]])
+    frames, at = _sort_frames(values)
     factors = np.linspace(1.0, 1.5, len(at))
-    new = at[0] + np.concatenate([np.zeros((1, 3)), np.cumsum(
-        factors[1:, None] * np.diff(at, axis=0), axis=0)])  # fmt: skip
-    for place, frame in enumerate(frames):
-        for key in _KEYS:
-            if key in frame:
-                m = old[key][place]
-                moved = new[place] + factors[place] * (m[:3, 3] - at[place])
-                frame[key] = _parts(m, t=moved).tolist()
+    steps = np.cumsum(factors[1:, None] * np.diff(at, axis=0), axis=0)
+    new = at[0] + np.concatenate([np.zeros((1, 3)), steps])
+    for frame, factor, old, to in zip(frames, factors, at, new, strict=True):
+        _change(frame, lambda m, f=factor, o=old, to=to: _parts(m, t=to + f * (m[:3, 3] - o)))
 
 
 def _scale_half(values: Values, _: Path) -> None:
     """Positions of the second half of the path are scaled about its first one."""
-    frames = sorted(values["frames"], key=lambda frame: Path(frame["file_path"]).name)
-    half = len(frames) // 2
-    at = np.array(frames[half]["transform_matrix"])[:3, 3]
-    for frame in frames[half:]:
-        for key in _KEYS:
-            if key in frame:
-                m = np.array(frame[key], np.float64)
-                frame[key] = _parts(m, t=at + 1.5 * (m[:3, 3] - at)).tolist()
+    frames, places = _sort_frames(values)
+    at = places[len(frames) // 2]
+    for frame in frames[len(frames) // 2 :]:
+        _change(frame, lambda m: _parts(m, t=at + 1.5 * (m[:3, 3] - at)))
 
 
 def _turn_steps(values: Values, _: Path) -> None:
     """Poses are summed from steps that each turn a little too far, as odometry's do."""
-    frames = sorted(values["frames"], key=lambda frame: Path(frame["file_path"]).name)
+    frames, _places = _sort_frames(values)
     turn, change = np.eye(4), np.eye(4)
     turn[:3, :3] = cv2.Rodrigues(np.radians([0.0, 15.0 / max(1, len(frames) - 1), 0.0]))[0]
     before = None
@@ -324,46 +322,34 @@ def _turn_steps(values: Values, _: Path) -> None:
         if before is not None:  # what was added so far goes on from the last pose
             change = change @ before @ turn @ np.linalg.inv(before)
         before = m
-        for key in _KEYS:
-            if key in frame:
-                frame[key] = (change @ np.array(frame[key], np.float64)).tolist()
+        _change(frame, lambda m, change=change: change @ m)
 
 
 def _another_run(values: Values, _: Path) -> None:
     """Poses of a path through another scene: they fit each other, not the photographs."""
-    frames = sorted(values["frames"], key=lambda frame: Path(frame["file_path"]).name)
-    at = np.array([np.array(f["transform_matrix"])[:3, 3] for f in frames])
+    frames, at = _sort_frames(values)
     size = float(np.linalg.norm(np.ptp(at, axis=0)))
     for place, frame in enumerate(frames):
         angle = 2 * np.pi * place / len(frames)
         m, old = np.eye(4), np.array(frame["transform_matrix"], np.float64)
         m[:3, :3] = cv2.Rodrigues(np.array([0.3 * np.sin(2 * angle), -angle, 0.2]))[0]
         m[:3, 3] = size * np.array([np.cos(angle), 0.2 * np.sin(3 * angle), np.sin(angle)])
-        for key in _KEYS:
-            if key in frame:
-                frame[key] = (m @ np.linalg.inv(old) @ np.array(frame[key])).tolist()
+        turn = m @ np.linalg.inv(old)
+        _change(frame, lambda given, turn=turn: turn @ given)
 
 
-def _one_far_away(values: Values, folder: Path) -> None:
-    frames = sorted(values["frames"], key=lambda frame: frame["file_path"])
-    m = np.array(frames[len(frames) // 2]["transform_matrix"])
-    at = np.array([np.array(f["transform_matrix"])[:3, 3] for f in frames])
-    for key in _KEYS:
-        if key in frames[len(frames) // 2]:
-            m = np.array(frames[len(frames) // 2][key], np.float64)
-            m[:3, 3] += 3 * np.ptp(at, axis=0).max()
-            frames[len(frames) // 2][key] = m.tolist()
+def _one_far_away(values: Values, _: Path) -> None:
+    frames, at = _sort_frames(values)
+    away = 3 * np.ptp(at, axis=0).max()
+    _change(frames[len(frames) // 2], lambda m: _parts(m, t=m[:3, 3] + away))
 
 
 def _one_turned(values: Values, _: Path) -> bool:
     """The pose in the middle is turned by 30 degrees about the camera's vertical axis."""
-    frames = sorted(values["frames"], key=lambda frame: frame["file_path"])
+    frames, _places = _sort_frames(values)
     turn = np.eye(4)
     turn[:3, :3] = cv2.Rodrigues(np.radians([0.0, 30.0, 0.0]))[0]
-    for key in _KEYS:
-        if key in frames[len(frames) // 2]:
-            m = np.array(frames[len(frames) // 2][key], np.float64)
-            frames[len(frames) // 2][key] = (m @ turn).tolist()
+    _change(frames[len(frames) // 2], lambda m: m @ turn)
     return len(frames) > _FEWEST_OF_A_TURN
 
 

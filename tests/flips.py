@@ -91,6 +91,7 @@ def assert_isas_match(
     *,
     gradient: float = tolerances.RENDER_GRADIENT,
     share: float = tolerances.EXTINCTION_FLIPS,
+    explain: bool = False,
     **options: Any,
 ) -> int:
     """Holds the image and the gradients of every instruction set to those of the reference.
@@ -101,6 +102,7 @@ def assert_isas_match(
         camera, place: from where its Gaussians are seen.
         gradient: the relative error of each gradient, at most.
         share: of pixels where float may choose otherwise, which are left out.
+        explain: each of them must have a reason, see `reason`.
         options: of `gsut.render`.
 
     Returns:
@@ -114,8 +116,13 @@ def assert_isas_match(
         same = np.maximum(off, np.abs(found.alpha - expected.alpha)) < tolerances.RENDER_FLIP
         count += int((~same).sum())
         assert same.mean() > 1 - share
-        rms = np.sqrt(np.mean(np.square((found.image - expected.image)[same])))
-        assert rms < tolerances.RENDER_IMAGE_RMS, (isa, rms)
+        if explain:
+            flipped(found, expected)
+        for name in ("image", "alpha"):
+            rms = np.sqrt(
+                np.mean(np.square((getattr(found, name) - getattr(expected, name))[same]))
+            )
+            assert rms < tolerances.RENDER_IMAGE_RMS, (isa, name, rms)
         error = relative_error(found.depth[same], expected.depth[same])
         assert error < tolerances.RENDER_DEPTH, (isa, "depth", error)
         kept = [np.where(same if w.ndim == 2 else same[..., None], w, 0) for w in weights]

@@ -6,6 +6,7 @@ import dataclasses
 import functools
 import os
 from collections.abc import Callable, Iterable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -138,6 +139,28 @@ def gaussians_in_view(
     return gsut.Gaussians(*(array.astype(np.float32) for array in arrays))
 
 
+def blob(
+    mean: Sequence[float] = (0.0, 0.0, 2.0),
+    scale: float | Sequence[float] = 0.3,
+    opacity: float = 0.6,
+    color: Sequence[float] = (1.0, 0.5, 0.25),
+    quat: Sequence[float] = (1.0, 0, 0, 0),
+) -> gsut.Gaussians:
+    """One Gaussian; `scale` one number or three."""
+    return gsut.Gaussians(
+        np.array([mean], np.float32), np.array([quat], np.float32),
+        np.log(np.broadcast_to(np.asarray(scale, np.float64), (1, 3))),
+        np.array([np.log(opacity / (1 - opacity))]),
+        (np.array([[color]]) - 0.5) * np.sqrt(4 * np.pi),
+    )  # fmt: skip
+
+
+def joined(*parts: gsut.Gaussians) -> gsut.Gaussians:
+    """All Gaussians of several sets."""
+    names = [field.name for field in dataclasses.fields(gsut.Gaussians)][:5]
+    return gsut.Gaussians(*(np.concatenate([getattr(p, n) for p in parts]) for n in names))
+
+
 def random_gaussians(
     rng: np.random.Generator, count: int, coefficients: int = 4, dtype: type = np.float32
 ) -> gsut.Gaussians:
@@ -231,6 +254,55 @@ def pose_differences(
     """(6,) slopes of a loss of a pose with respect to a twist of it from the left."""
     twist = np.zeros(6)
     return central_differences(lambda: loss(gsut.exp_pose(twist) @ pose), twist, step=step)
+
+
+def pair_differences(
+    loss: Callable[[tuple[np.ndarray, np.ndarray]], float], pair: tuple[np.ndarray, np.ndarray]
+) -> np.ndarray:
+    """(2, 6) slopes of a loss of a moving camera with respect to its start and its end."""
+    start, end = pair
+    return np.stack(
+        [pose_differences(lambda near: loss((near, end)), start),
+         pose_differences(lambda near: loss((start, near)), end)]
+    )  # fmt: skip
+
+
+def hold_to_differences(
+    g: gsut.Gaussians,
+    camera: gsut.Camera,
+    place: Any,
+    weights: tuple[np.ndarray, np.ndarray, np.ndarray],
+    bound: float,
+    *,
+    entries: np.random.Generator | None = None,
+    **options: Any,
+) -> int:
+    """Holds the double reference's gradients, to the Gaussians and the pose, to differences.
+
+    Args:
+        place: a pose or, with a shutter, a pair.
+        bound: relative error of each array.
+        entries: draws 32 of an array's entries; None: all of them.
+
+    Returns:
+        How many entries were compared.
+    """
+    moved, compared = g.copy(), 0
+
+    def loss(at: Any = place) -> float:
+        return loss_of(gsut.render(moved, camera, at, dtype="float64", **options), weights)
+
+    result = gsut.render(g, camera, place, dtype="float64", **options)
+    found = gsut.render_backward(result, *weights)
+    for name in g.list_arrays():
+        slopes, array = getattr(found.gaussians, name).ravel(), getattr(moved, name)
+        chosen = np.arange(array.size) if entries is None else entries.permutation(array.size)[:32]
+        error = relative_error(slopes[chosen], central_differences(loss, array, chosen))
+        assert error < bound, (name, error)
+        compared += len(chosen)
+    differences = pair_differences if isinstance(place, tuple) else pose_differences
+    assert relative_error(found.pose, differences(loss, place)) < bound
+    return compared
 
 
 def subtract_poses(one, other):

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-import json
+from collections.abc import Collection, Sequence
 from pathlib import Path
 
 import cv2
 import numpy as np
 
 import gsut
+from gsut.data import Frame, write_transforms
 from gsut.gaussians import SH_C0
 from random_scenes import pinhole
+from small_datasets import write_ply
 
 VIEWS = 12
 EVERY_TEST = 6  # views 0 and 6 are held out
-_OPENGL_FROM_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
 
 
 def truth(rng: np.random.Generator, count: int = 60) -> gsut.Gaussians:
@@ -53,6 +54,45 @@ def look_from(center: np.ndarray) -> np.ndarray:
     return pose
 
 
+def write_views(
+    path: Path,
+    g: gsut.Gaussians,
+    camera: gsut.Camera,
+    poses: Sequence[np.ndarray],
+    *,
+    points: np.ndarray | None = None,
+    test: Collection[int] = (),
+    mask: np.ndarray | None = None,
+    stated: Sequence[np.ndarray] | None = None,
+) -> Path:
+    """Renders Gaussians from these poses into images, and writes a transforms.json beside them.
+
+    Args:
+        points: (N, 3) places of the Gaussians, which are written with their colours.
+        test: numbers of the views that are held out.
+        mask: (H, W) bool; True where pixels count.
+        stated: the poses that the file states; None: the true ones.
+    """
+    (path / "images").mkdir(parents=True)
+    masked = None if mask is None else path / "mask.png"
+    if mask is not None:
+        cv2.imwrite(str(masked), 255 * mask.astype(np.uint8))
+    frames = []
+    for number, (pose, said) in enumerate(zip(poses, stated or poses, strict=True)):
+        file = path / f"images/{number:03d}.png"
+        image = np.round(255 * np.clip(gsut.render(g, camera, pose).image, 0, 1))
+        cv2.imwrite(str(file), image.astype(np.uint8)[..., ::-1])
+        placed = np.linalg.inv(said)
+        frames.append(Frame(f"images/{file.name}", file, camera, placed, mask_path=masked))
+    if points is not None:
+        colors = np.round(255 * np.clip(0.5 + g.sh[:, 0] * SH_C0, 0, 1))
+        write_ply(path / "points3D.ply", points, colors)
+    names = [frames[number].name for number in test]
+    points_file = None if points is None else "points3D.ply"
+    write_transforms(path / "transforms.json", frames, points_file=points_file, test=names)
+    return path
+
+
 def write_dataset(
     path: Path,
     rng: np.random.Generator,
@@ -65,48 +105,12 @@ def write_dataset(
     """A transforms.json with images, points and, if given, a mask.
 
     Args:
-        camera: a pinhole, which is what the file says in any case; None: 48 x 48.
+        camera: None: a pinhole of 48 x 48.
         with_points: writes the truth's centres, moved by 0.02, with their colours.
         with_test: names views 0 and 6 as the test split; else all views train.
         mask: (H, W) bool; True where pixels count.
     """
-    camera = pinhole(48) if camera is None else camera
     g = truth(rng)
-    (path / "images").mkdir(parents=True)
-    frames = []
-    for i, pose in enumerate(poses()):
-        image = gsut.render(g, camera, pose).image
-        name = f"images/{i:03d}.png"
-        pixels = np.round(255 * np.clip(image, 0, 1)).astype(np.uint8)
-        cv2.imwrite(str(path / name), pixels[..., ::-1])
-        world_from_camera = np.linalg.inv(pose) @ _OPENGL_FROM_OPENCV
-        frame = {"file_path": name, "transform_matrix": world_from_camera.tolist()}
-        if mask is not None:
-            frame["mask_path"] = "mask.png"
-        frames.append(frame)
-    if mask is not None:
-        cv2.imwrite(str(path / "mask.png"), 255 * mask.astype(np.uint8))
-    fx, fy, cx, cy = camera.params[:4]
-    names = [frame["file_path"] for frame in frames]
-    test = names[::EVERY_TEST] if with_test else []
-    content = {
-        "camera_model": "PINHOLE", "w": camera.width, "h": camera.height,
-        "fl_x": fx, "fl_y": fy, "cx": cx, "cy": cy, "frames": frames,
-        "train_filenames": [name for name in names if name not in test], "test_filenames": test,
-    }  # fmt: skip
-    if with_points:
-        points = g.means + 0.02 * rng.normal(size=g.means.shape)
-        colors = 255 * np.clip(0.5 + g.sh[:, 0] * SH_C0, 0, 1)
-        _write_points(path / "points3D.ply", points, colors)
-        content["ply_file_path"] = "points3D.ply"
-    (path / "transforms.json").write_text(json.dumps(content))
-    return path
-
-
-def _write_points(path: Path, xyz: np.ndarray, rgb: np.ndarray) -> None:
-    rows = np.empty(len(xyz), [("xyz", "<f4", 3), ("rgb", "u1", 3)])
-    rows["xyz"], rows["rgb"] = xyz, np.round(rgb)
-    header = "ply\nformat binary_little_endian 1.0\n" + f"element vertex {len(xyz)}\n"
-    header += "".join(f"property float {c}\n" for c in "xyz")
-    header += "".join(f"property uchar {c}\n" for c in ("red", "green", "blue")) + "end_header\n"
-    path.write_bytes(header.encode() + rows.tobytes())
+    points = g.means + 0.02 * rng.normal(size=g.means.shape) if with_points else None
+    test = range(0, VIEWS, EVERY_TEST) if with_test else ()
+    return write_views(path, g, camera or pinhole(48), poses(), points=points, test=test, mask=mask)

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
-import cv2
 import numpy as np
 
 import gsut
-from gsut.gaussians import SH_C0
-from gsut.refine.pose_files import write_refined
-from gsut.run.folder import RunFile, RunFolder
 from random_scenes import fisheye
-from rendered_dataset import _write_points
+from rendered_dataset import write_views
 
 VIEWS = 14
 TEST = (3, 10)
@@ -48,20 +43,6 @@ def write_room(path: Path, rng: np.random.Generator, width: int = 64) -> Path:
         valid_field_angle=lens.valid_field_angle,
     )  # fmt: skip
     g = room(rng)
-    (path / "images").mkdir(parents=True)
-    views = []
-    for number, pose in enumerate(room_poses(rng)):
-        file = path / "images" / f"{number:03d}.png"
-        image = gsut.render(g, camera, pose).image
-        cv2.imwrite(str(file), np.round(255 * np.clip(image, 0, 1)).astype(np.uint8)[..., ::-1])
-        views.append(gsut.View(f"images/{number:03d}.png", file, 0, pose))
-    train = [number for number in range(VIEWS) if number not in TEST]
-    scene = gsut.Scene(
-        path, [camera], views, np.zeros((0, 3)), np.zeros((0, 3)), train, list(TEST), np.zeros(3)
-    )
-    write_refined(RunFolder(path), scene)
-    content = json.loads((path / RunFile.TRANSFORMS).read_text())
+    placed = room_poses(rng)
     points = g.means + 0.02 * rng.normal(size=g.means.shape)
-    _write_points(path / "points3D.ply", points, 255 * np.clip(0.5 + g.sh[:, 0] * SH_C0, 0, 1))
-    (path / RunFile.TRANSFORMS).write_text(json.dumps({**content, "ply_file_path": "points3D.ply"}))
-    return path
+    return write_views(path, g, camera, placed, points=points, test=TEST)

@@ -19,7 +19,7 @@ from gsut.lens import save_camera
 ANGLE_KEY = "gsut_valid_field_angle"  # radians
 SIGMA_KEY = "gsut_uncertainty_px"  # rows of the map over the image, corner to corner
 NO_SIGMA = -1.0  # marks pixels where the lens has no ray
-_DIGITS = 6  # decimals of the map, in pixels
+DIGITS = 6  # decimals of a number in a report, and of the map, in pixels
 
 
 def write_lens(path: Path, camera: CameraSolution, trust: Trust, origin: str) -> list[str]:
@@ -88,7 +88,7 @@ def _write_opencv(path: Path, camera: CameraSolution, trust: Trust) -> list[str]
 
 def _round_map(sigma: np.ndarray) -> list[list[float]]:
     return [
-        [round(float(value), _DIGITS) if np.isfinite(value) else NO_SIGMA for value in row]
+        [round(float(value), DIGITS) if np.isfinite(value) else NO_SIGMA for value in row]
         for row in sigma
     ]
 

@@ -14,7 +14,6 @@ from calib.job import Job
 from calib.trust import Halves, HeldOut, SecondLens, Trust
 
 _COVERED = 0.005  # share of the image without a ray that is worth no photograph
-_ONE_SIDE = 0.65  # share of the pixels without a ray in one half of the image that names the half
 
 
 @dataclass
@@ -68,21 +67,12 @@ def _judge_field(lens: Path, valid_angle: float) -> str:
     Some formats hold no field angle, so it is given.
     """
     camera = gsut.load_camera(lens).with_valid_field_angle(valid_angle)
-    rows, columns = np.nonzero(~np.asarray(camera.rays()[1], bool))
-    blind = len(rows) / (camera.width * camera.height)
+    blind = float(np.mean(~np.asarray(camera.rays()[1], bool)))
     if blind < _COVERED:
         return "verdict: the lens covers the whole image; next: gsut poses IMAGES --camera " + str(
             lens
         )
-    sides = {
-        "left": np.count_nonzero(columns < camera.width / 2),
-        "right": np.count_nonzero(columns >= camera.width / 2),
-        "top": np.count_nonzero(rows < camera.height / 2),
-        "bottom": np.count_nonzero(rows >= camera.height / 2),
-    }
-    worst = max(sides, key=lambda side: sides[side])
-    where = f"mostly on the {worst}" if sides[worst] > _ONE_SIDE * len(rows) else "all around"
     return (
-        f"verdict: {blind:.0%} of the image, {where}, has no ray and does not count in training; "
+        f"verdict: {blind:.0%} of the image has no ray and does not count in training; "
         "where it shows the scene, photograph the board there, up to the edge, and calibrate again"
     )

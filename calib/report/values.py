@@ -9,14 +9,13 @@ from typing import Any
 import numpy as np
 
 from calib.camera import CameraSolution
-from calib.report.lens_files import measure_baseline, name_exact_file
+from calib.report.lens_files import DIGITS, measure_baseline, name_exact_file
 from calib.report.result import Result
 from calib.trust import AGREEMENT_DEGREES, TRUSTED_SIGMA_PX
 from gsut.files import write_file
 
 REPORT_JSON = "report.json"
 _REGIONS = 3  # columns and rows of the image whose residuals are summarized
-_DIGITS = 6  # decimals of a number
 
 
 def collect_values(result: Result) -> dict[str, Any]:
@@ -178,7 +177,7 @@ def _to_json(value: Any) -> Any:
     if isinstance(value, (list, tuple)):
         return [_to_json(entry) for entry in value]
     if isinstance(value, (float, np.floating)):
-        return round(float(value), _DIGITS) if np.isfinite(value) else None
+        return round(float(value), DIGITS) if np.isfinite(value) else None
     if isinstance(value, np.integer):
         return int(value)
     return value

@@ -20,9 +20,8 @@ from calib.solve import (
     solve_by_opencv,
 )
 from calib.trust.cross_validation import HeldOut, compare, hold_out
-from calib.trust.trust import judge
+from calib.trust.trust import HOPELESS, judge
 
-_HOPELESS = 3.0  # times the best lens' residuals, above which cross-validation is a waste of time
 _COVERED = 0.8  # share of the angle that boards reached, up to which a candidate must be usable
 
 
@@ -119,7 +118,7 @@ def _try_lenses(
     best = min((solution.rms_2d_px for solution in full.values()), default=0.0)
     results, outliers = [], []
     for lens in lenses:
-        if lens not in problems and full[lens].rms_2d_px > _HOPELESS * best:
+        if lens not in problems and full[lens].rms_2d_px > HOPELESS * best:
             problems[lens] = f"its residuals of {full[lens].rms_2d_px:.2f} px rule it out"
         none = np.zeros((len(group), board.corners), bool)
         outliers.append(full[lens].outliers if lens in full else none)

@@ -12,12 +12,11 @@ from calib.camera import CameraSolution, to_gsut_camera
 from calib.errors import SolveError
 from calib.solve import has_mrcal, solve_by_mrcal, solve_by_opencv
 from calib.trust.halves import AGREEMENT_DEGREES, find_agreement_angle
-from calib.trust.trust import Trust, judge
+from calib.trust.trust import HOPELESS, Trust, judge
 from calib.trust.uncertainty import map_uncertainty_if_possible, spread_pixels
 
 OTHERS = ("fisheye", "opencv8", "splined")
 _LEAST_SHARE = 0.02  # of the image's pixels that must be trusted: readers call less no lens
-_HOPELESS = 3.0  # times the lens' residuals, above which another lens does not fit the camera
 
 
 @dataclass
@@ -68,7 +67,7 @@ def compare_with(
 
     Returns None if the other lens does not fit or is refused.
     """
-    if other.rms_2d_px > _HOPELESS * camera.rms_2d_px:
+    if other.rms_2d_px > HOPELESS * camera.rms_2d_px:
         return None
     sigma, _ = map_uncertainty_if_possible(other, board)
     judged = judge(other, board, sigma)

@@ -12,6 +12,7 @@ from calib.camera import CameraSolution, to_gsut_camera, unproject_pixels
 from calib.trust.uncertainty import spread_pixels
 
 TRUSTED_SIGMA_PX = 1.0  # standard deviation of a projected point: at most the size of a pixel
+HOPELESS = 3.0  # times a good lens' residuals, above which another does not fit the camera
 # Share of the corners that may lie beyond the lens' one-to-one domain before it is refused: the
 # rest of the image remains usable, cut inside the domain.
 _MOST_BEYOND = 0.05

@@ -10,7 +10,6 @@ from pathlib import Path
 
 import numpy as np
 
-from formats.test_wrong_files import WRONG
 from gsut.cli import main
 from lab.attack.damage import CAUSES, TO_ANY_FILE, TO_TEXT, Damage
 from lab.attack.flags import BASES, list_flag_cases
@@ -180,16 +179,6 @@ def list_stage_cases() -> Iterator[Case]:
             )  # fmt: skip
 
 
-def list_field_cases() -> Iterator[Case]:
-    """Lists scene files with one field that no such file has."""
-    for (suffix, name), (spoil, said) in WRONG.items():
-        file = next(f"scenes/{each}" for each in SCENES if each.endswith(suffix))
-        yield Case(
-            "field", f"{Path(file).name} has {name}", ("convert", file, "out.ply"), (file,),
-            spoil_file(file, spoil), (match_name(file), re.escape(said)),
-        )  # fmt: skip
-
-
 def list_base_cases(spoiled: list[Case]) -> Iterator[Case]:
     """Lists every command before its input is spoiled: it must end well, or the rest means nothing.
 
@@ -222,7 +211,6 @@ def list_cases() -> list[Case]:
         *files,
         *list_film_cases(),
         *list_stage_cases(),
-        *list_field_cases(),
         *list_rig_cases(),
         *list_flag_cases(),
         *list_place_cases(),

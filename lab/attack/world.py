@@ -38,7 +38,7 @@ RIG = "".join(
     )
 )  # fmt: skip
 LENSES = ("gsut.lens.json", "opencv.yaml", "opencv.json", "camchain.yaml", "cameras.txt",
-          "cameras.bin", "transforms.json", "lens.cameramodel", "calib_results.txt")  # fmt: skip
+          "cameras.bin", "transforms.json", "lens.cameramodel")  # fmt: skip
 SCENES = ("a.ply", "b.compressed.ply", "c.spz", "d.sog", "e.glb", "f.splat")
 
 

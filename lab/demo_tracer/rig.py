@@ -91,7 +91,7 @@ def make_rig(cameras: int, size: int) -> list[Mounted]:
         about[2, 3] = -_ARM
         pose = exp_pose(off) @ about
         front = invert_pose(pose) if number == 0 else front
-        found.append(Mounted(name, lens, pose @ front, f"{name}/calib_results.txt"))
+        found.append(Mounted(name, lens, pose @ front, f"{name}/{name}.lens.json"))
     return found
 
 
@@ -125,7 +125,7 @@ def make_demo_rig(
     metres) and, as truth, transforms.json and depth/NAME/*.png (distance along the ray in mm, 16
     bits, 0 outside the circle). Lenses of two cameras, left and right, are left.yaml and
     right.yaml (OpenCV); of four, which look all around through 220 degrees, they are
-    NAME/calib_results.txt (OCamCalib).
+    NAME/NAME.lens.json.
 
     Args:
         folder: is created; appears only when it is complete.

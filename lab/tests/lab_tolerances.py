@@ -6,7 +6,6 @@ PROVING_SLOW_ROLLING = 0.8  # least AUC at 5 degrees of a slow rolling shutter; 
 PROVING_SAME_VIEW = 0.9  # least share of right detail of a view from the same place; worst 1.0
 PROVING_SAME_LENS = 1e-6  # pixels between a lens and itself turned; worst 1e-10
 PROVING_GAIN = 0.01  # stops, of a picture that is doubled; worst 0.000
-BENCH_SPLIT_SHARE = 0.05  # of the volume of a tenth: random scales of 2000 Gaussians; worst 0.01
 NERFSTUDIO_RAYS = 1e-6  # float32 against double, its lens inverted in a few steps; worst 1.4e-7
 OPEN3D_MEAN_VOXELS = 0.1  # a ball 0.069 from Open3D's mesh; a box's faces 0.047 from the truth
 FOREIGN_ROUNDING = 2.0  # others cut off where we round: a step instead of half a one

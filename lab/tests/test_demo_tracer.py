@@ -17,7 +17,6 @@ from lab.demo_tracer.hall import HALF_X, HALF_Y, HEIGHT, make_hall
 from lab.demo_tracer.hall_mesh import build_hall_mesh
 from lab.demo_tracer.shapes import Box, Cylinder, Rays, Sphere
 from lab.demo_tracer.texture import Material
-from lab.demo_tracer.tracing import Tracer
 from surface_scenes import edge_counts
 
 VIEWS, TEST_VIEWS, SIZE, SEED = 6, 2, 64, 3
@@ -193,22 +192,6 @@ def test_shape_hits_lie_on_the_surface_and_face_the_ray(name, rng):
         "cylinder": (x**2 + (y - 0.1) ** 2 < 0.35**2) & (np.abs(z - 0.4) < 0.4),
     }[name]  # fmt: skip
     assert not inside.any()
-
-
-@pytest.mark.parametrize("seed", [0, 3, 4])
-def test_glass_is_found_one_float_inside_the_edges_of_every_window(seed):
-    hall = make_hall(seed)
-    tracer = Tracer(hall, 4)
-    tried = 0
-    for window in hall.windows:
-        edges = np.float32([window.y - window.width / 2, window.y + window.width / 2])
-        y = np.concatenate([np.nextafter(edges, np.float32(side)) for side in (-1e9, 1e9)])
-        low, high = np.float32(window.z), np.float32(window.z + window.height)
-        z = np.float32([low, np.nextafter(low, high), np.nextafter(high, low), high])
-        yy, zz = (grid.ravel() for grid in np.meshgrid(y, z))
-        assert tracer._color_glass(yy, zz).shape == (len(yy), 3)
-        tried += len(yy)
-    assert tried == 16 * len(hall.windows) > 0
 
 
 def test_hall_as_a_mesh_is_the_hall_that_is_drawn():

@@ -1,15 +1,11 @@
 """Each benchmark of lab/ on small data: its rows hold time with error, quality or truth."""
 
-import numpy as np
 import pytest
 
-import lab_tolerances
 import tolerances
 from gsut import _core
 from lab.bench.__main__ import PACKAGES
-from lab.bench.formats_bench import split_gaussians
 from lab.demo_tracer import make_demo_scene
-from rendered_dataset import truth
 from tests.bench.__main__ import load_benchmark
 from tests.bench.harness import HALL, measure_rows
 
@@ -72,16 +68,6 @@ def test_formats_hold_bytes_and_psnr(hall):
     assert rows["hall, SPZ 3"]["bytes_each"] < rows["hall, PLY"]["bytes_each"]
     for name in ("SPZ 3", "SOG", "compressed PLY"):
         assert 30 < rows[f"hall, {name}"]["psnr"] < 99.9
-
-
-def test_split_gaussians_fill_the_same_space_with_more(rng):
-    g = truth(rng, 200)
-    more = split_gaussians(g, 10)
-    assert len(more) == 2000 and split_gaussians(g, 1) is g
-    moved = np.linalg.norm(more.means - np.repeat(g.means, 10, axis=0), axis=1)
-    assert 0 < np.median(moved) < np.exp(g.log_scales).max()
-    volume = np.exp(np.mean(more.log_scales.sum(axis=1) - np.repeat(g.log_scales, 10, 0).sum(1)))
-    np.testing.assert_allclose(volume, 0.1, rtol=lab_tolerances.BENCH_SPLIT_SHARE)
 
 
 def test_surfaces_measure_balls_and_fusion(tmp_path):

@@ -7,7 +7,6 @@
 #include <pybind11/stl.h>
 
 #include <algorithm>
-#include <array>
 #include <string>
 #include <utility>
 #include <vector>
@@ -22,7 +21,6 @@
 #include "gsut/sfm/eliminate_points.h"
 #include "gsut/sfm/match.h"
 #include "gsut/sfm/relative_pose.h"
-#include "gsut/sfm/structure_covariance.h"
 
 namespace gsut::bindings {
 namespace {
@@ -235,50 +233,6 @@ py::tuple Information(const py::object& body, const py::object& point, const py:
   return py::make_tuple(normal, found.determined);
 }
 
-// See gsut/sfm/structure_covariance.h; camera_from_world (N, 4, 4) as `estimate_poses` gave them.
-py::array Covariances(const std::vector<const ImageBearings*>& images,
-                      const py::object& camera_from_world, const py::object& points,
-                      const py::object& observations, const std::array<int, 2>& initial_pair,
-                      double loss_pixels) {
-  const auto count = static_cast<py::ssize_t>(images.size());
-  std::vector<const std::vector<Bearing>*> bearings;
-  for (const ImageBearings* image : images) bearings.push_back(&image->bearings);
-  FoundStructure structure;
-  // As they are: ReadPose would make rotations of them again, which changes their last bits.
-  const auto poses = ReadArray<double>(camera_from_world, "camera_from_world", {count, 4, 4});
-  using Row4 = Eigen::Matrix<double, 4, 4, Eigen::RowMajor>;
-  for (py::ssize_t i = 0; i < count; ++i) {
-    const Eigen::Map<const Row4> matrix(poses.data() + 16 * i);
-    structure.camera_from_world.push_back(
-        {matrix.topLeftCorner<3, 3>(), matrix.topRightCorner<3, 1>()});
-  }
-  // Points and observations as tables, in the order in which the solver listed them.
-  const auto positions = ReadArray<double>(points, "points", {kAny, 3});
-  for (py::ssize_t i = 0; i < positions.shape(0); ++i) {
-    structure.points.emplace_back(Eigen::Map<const Eigen::Vector3d>(positions.data() + 3 * i));
-  }
-  const auto rows = ReadArray<std::int32_t>(observations, "observations", {kAny, 3});
-  for (py::ssize_t i = 0; i < rows.shape(0); ++i) {
-    const std::int32_t* row = rows.data() + 3 * i;
-    structure.observations.push_back({row[0], row[1], row[2]});
-  }
-  structure.initial_first = initial_pair[0];
-  structure.initial_second = initial_pair[1];
-  structure.loss_pixels = loss_pixels;
-  // From here on no Python object is touched until the result is written.
-  std::vector<Eigen::Matrix<double, 6, 6>> found;
-  {
-    const LongCall released;
-    found = StructureCovariances(bearings, structure);
-  }
-  auto covariances = NewArray<double>({count, 6, 6});
-  using Row6 = Eigen::Matrix<double, 6, 6, Eigen::RowMajor>;
-  for (py::ssize_t i = 0; i < count; ++i) {
-    Eigen::Map<Row6>(covariances.mutable_data() + 36 * i) = found[i];
-  }
-  return covariances;
-}
-
 }  // namespace
 
 void BindSfmMatching(py::module_& m) {
@@ -305,9 +259,6 @@ void BindSfmMatching(py::module_& m) {
         py::arg("max_error"), py::arg("seed"));
   m.def("shared_information", &Information, py::arg("body"), py::arg("point"), py::arg("by_body"),
         py::arg("by_shared"), py::arg("by_point"), py::arg("prior"), py::arg("held"));
-  m.def("structure_covariances", &Covariances, py::arg("images"), py::arg("camera_from_world"),
-        py::arg("points"), py::arg("observations"), py::arg("initial_pair"),
-        py::arg("loss_pixels"));
   m.def("absolute_pose", &AbsolutePoseOf, py::arg("image"), py::arg("features"), py::arg("points"),
         py::arg("max_error"), py::arg("seed"));
 }

@@ -133,7 +133,6 @@ py::dict WriteStructure(const Structure& structure) {
   result["lens_params"] = lens_params;
   result["rms"] = structure.rms;
   result["median"] = structure.median;
-  result["loss_pixels"] = structure.loss_pixels;
   result["held_out"] = structure.held_out;
   result["num_held_out"] = structure.num_held_out;
   result["initial_pair"] = py::make_tuple(structure.initial_first, structure.initial_second);
@@ -259,7 +258,6 @@ Inputs ReadInputs(const std::vector<const Camera*>& cameras,
   settings.Read("hold_out_every", &options.hold_out_every);
   settings.Read("thin_from", &options.thin_from);
   settings.Read("covariances", &options.covariances);
-  settings.Read("defer_covariances", &options.defer_covariances);
   settings.Read("seed", &options.seed);
   settings.Read("extend_radius", &options.extend_radius);
   settings.Read("extend_distance", &options.extend_distance);

@@ -7,7 +7,7 @@ purpose: `gsut.lens`, `gsut.poses`, `gsut.surface`, `gsut.edit`, `gsut.rendering
 a training loop of your own), `gsut.metrics`, `gsut.machine`. docs/api.md lists all of it.
 """
 
-from gsut import _starting  # noqa: F401, I001  before all that takes time
+from gsut import _starting  # noqa: I001  before all that takes time
 
 from typing import TYPE_CHECKING
 

@@ -199,14 +199,6 @@ def shared_information(
     prior: ArrayLike,
     held: Sequence[int],
 ) -> tuple[NDArray[np.float64], int]: ...
-def structure_covariances(
-    images: Sequence[ImageBearings],
-    camera_from_world: ArrayLike,
-    points: ArrayLike,
-    observations: ArrayLike,
-    initial_pair: tuple[int, int],
-    loss_pixels: float,
-) -> NDArray[np.float64]: ...
 def absolute_pose(
     image: ImageBearings, features: ArrayLike, points: ArrayLike, max_error: float, seed: int
 ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]: ...

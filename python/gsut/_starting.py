@@ -19,7 +19,7 @@ TYPE_CHECKING = False  # as in `typing`, which takes long to import too
 if TYPE_CHECKING:
     from types import TracebackType
 
-_EXIT_INTERRUPTED = 130  # as shells report Ctrl-C
+EXIT_INTERRUPTED = 130  # as shells report Ctrl-C
 
 
 def _is_command() -> bool:
@@ -33,7 +33,7 @@ def _is_command() -> bool:
 def _end_command(*_: object) -> None:
     """Ends the process without an exception, which an import could turn into another."""
     os.write(2, b"gsut: interrupted; nothing was started\n")
-    os._exit(_EXIT_INTERRUPTED)
+    os._exit(EXIT_INTERRUPTED)
 
 
 def _wait_for_start() -> bool:

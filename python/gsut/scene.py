@@ -35,7 +35,6 @@ from gsut.scene_folder import POSES, SceneFolder
 from gsut.sfm import (
     PosesLog,
     PosesOptions,
-    add_lens_readout,
     check_lens,
     find_poses,
     is_finished,
@@ -154,9 +153,7 @@ def _find_poses(
 ) -> tuple[dict[str, Any], float]:
     """Finds poses and lens; returns the content of poses.json and the seconds taken here."""
     o, out = folder.options, folder.poses
-    options = add_lens_readout(
-        PosesOptions(fov=o.fov, keep_all_pixels=o.keep_all_pixels), o.camera, pictures.figures
-    )
+    options = PosesOptions(fov=o.fov, keep_all_pixels=o.keep_all_pixels)
     done = read_finished(pictures.path, out, o.camera, options)
     if done is not None:
         return done, 0.0
@@ -180,7 +177,7 @@ def _announce(options: SceneOptions, pictures: Capture) -> str:
 
 
 def _make_training_options(options: SceneOptions) -> TrainOptions:
-    given = {} if options.steps is None else {"steps": options.steps}
+    given: dict[str, Any] = {} if options.steps is None else {"steps": options.steps}
     return TrainOptions(preset=options.preset, keep_all_pixels=options.keep_all_pixels, **given)
 
 

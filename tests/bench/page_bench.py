@@ -23,11 +23,7 @@ _MOST_LEVELS = 1  # of 255, of a right picture at rest
 _WAYS: dict[str, tuple[tuple[str, ...], str]] = {
     "WebAssembly": ((), ""),
     "WebGL 2 on SwiftShader": (("--enable-unsafe-swiftshader",), "#card"),
-    "WebGL 2, WGSL on SwiftShader": (
-        ("--enable-unsafe-swiftshader", "--enable-unsafe-webgpu",
-         "--use-webgpu-adapter=swiftshader"), "#card",
-    ),
-}  # fmt: skip
+}
 _SIDE = 400  # pixels, of the frames that are compared
 # Field angles, degrees, between which moving frames are compared with those at rest.
 _FIELD = (0.0, 30.0, 60.0, 90.0, 180.0)

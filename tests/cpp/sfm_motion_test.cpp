@@ -117,34 +117,6 @@ Bundle MovingBundle(int images, int points, std::uint64_t stream) {
   return bundle;
 }
 
-TEST(AdjustBundle, FindsVelocitiesOfARollingShutterInBothResiduals) {
-  for (const bool through_lens : {false, true}) {
-    const Bundle truth = MovingBundle(6, 200, 43);
-    Bundle bundle = truth;
-    Disturb(&bundle, 44);
-    for (Velocity& velocity : bundle.velocities) velocity.setZero();
-    BundleOptions options;
-    options.through_lens = through_lens;
-    options.image_fixed = {0, 1, 0, 0, 0, 0};
-    options.gauge_image = 0;
-    options.loss_scale = 0.0;
-    options.function_tolerance = 1e-16;
-    options.max_iterations = 200;
-    bundle.camera_from_world[1] = truth.camera_from_world[1];
-    bundle.velocities[1] = truth.velocities[1];
-    const BundleSummary summary = AdjustBundle(&bundle, options);
-    EXPECT_GT(summary.rms_before, 5.0);
-    EXPECT_LT(summary.rms_after, kExact);
-    for (int i = 0; i < 6; ++i) {
-      EXPECT_LT((bundle.velocities[i] - truth.velocities[i]).norm(), kExact) << i;
-    }
-    // Without velocities the same data do not fit.
-    Bundle still = truth;
-    still.velocities.clear();
-    EXPECT_GT(AdjustBundle(&still, options).rms_after, 1.0);
-  }
-}
-
 TEST(AdjustBundle, PriorsHoldVelocitiesThatNothingTells) {
   Bundle bundle = MovingBundle(4, 100, 45);
   for (BundleObservation& observation : bundle.observations) observation.time = 0.0;

@@ -92,23 +92,3 @@ def errors_of(outcomes: list[Outcome], weights) -> Errors:
             worst.gradients = max(worst.gradients, float(error))
         worst.pose = max(worst.pose, relative_error(slopes.pose, right.pose))
     return worst
-
-
-def blob(
-    mean=(0.0, 0.0, 2.0), scale=0.3, opacity=0.6, color=(1.0, 0.5, 0.25), quat=(1.0, 0, 0, 0)
-) -> gsut.Gaussians:
-    """One Gaussian; `scale` one number or three."""
-    return gsut.Gaussians(
-        np.array([mean], np.float32),
-        np.array([quat], np.float32),
-        np.log(np.broadcast_to(np.asarray(scale, np.float64), (1, 3))),
-        np.array([np.log(opacity / (1 - opacity))]),
-        (np.array([[color]]) - 0.5) * np.sqrt(4 * np.pi),
-    )
-
-
-def joined(*parts: gsut.Gaussians) -> gsut.Gaussians:
-    """All Gaussians of several sets."""
-    return gsut.Gaussians(
-        *(np.concatenate([getattr(part, name) for part in parts]) for name in FIELDS)
-    )

@@ -2,11 +2,13 @@
 
 import numpy as np
 import pytest
-from precision_paths import FIELDS, blob, joined, run_every_path
+from precision_paths import FIELDS, run_every_path
 
 import tolerances
 from random_scenes import (
+    blob,
     fisheye,
+    joined,
     pinhole,
     random_weights,
 )

@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
-from precision_paths import FIELDS, blob, joined, run_every_path
+from precision_paths import FIELDS, run_every_path
 
 import gsut
 from random_scenes import (
+    blob,
     fisheye,
     gaussians_in_view,
+    joined,
     no_gaussians,
     random_pose,
     random_weights,

@@ -9,15 +9,17 @@ import dataclasses
 
 import numpy as np
 import pytest
-from precision_paths import FIELDS, blob, errors_of, every_path, joined, run_every_path
+from precision_paths import FIELDS, errors_of, every_path, run_every_path
 
 import gsut
 import tolerances
 from gsut.gaussians import find_pixel_sizes
 from gsut.render import PixelFilter
 from random_scenes import (
+    blob,
     fisheye,
     gaussians_in_view,
+    joined,
     list_isas,
     no_gaussians,
     pinhole,

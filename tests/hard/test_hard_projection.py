@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
-from precision_paths import blob, every_path, run_every_path
+from precision_paths import every_path, run_every_path
 
 import gsut
 import tolerances
 from random_scenes import (
+    blob,
     fisheye,
     gaussians_in_view,
     list_isas,

@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
-from precision_paths import blob, joined
 
 import gsut
 import tolerances
-from random_scenes import pinhole
+from random_scenes import blob, joined, pinhole
 
 
 def turned(angle, axis=0):

@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
-from precision_paths import FIELDS, blob, run_every_path
+from precision_paths import FIELDS, run_every_path
 
 import gsut
 import tolerances
 from random_scenes import (
+    blob,
     gaussians_in_view,
     list_isas,
     pinhole,

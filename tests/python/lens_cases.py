@@ -119,5 +119,7 @@ FOREIGN_FILES = {
 } | {
     "calibration.xml": "<calibration>\n <projection>frame</projection>\n <width>128</width>\n"
     " <height>96</height>\n <f>91.25</f>\n <b1>-1.25</b1>\n <cx>0.0</cx>\n <cy>0.0</cy>\n"
-    " <k1>0.25</k1>\n</calibration>\n"
+    " <k1>0.25</k1>\n</calibration>\n",
+    "calib_results.txt": "5 -90.0 0.0 1e-3 0.0 0.0\n\n3 1.0 1.0 1.0\n\n47.5 63.625\n\n"
+    "1.0 0.0 0.0\n\n96 128\n",
 }  # fmt: skip

@@ -13,7 +13,6 @@ import dataclasses
 from functools import cached_property
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
@@ -22,15 +21,12 @@ import tolerances as tol
 from gsut import _core
 from gsut.check import diagnose
 from gsut.cli import main
-from gsut.data import Frame, write_transforms
-from gsut.data.points import format_points_ply
 from gsut.data.scene import TrainingViews
 from gsut.evaluate import evaluate
-from gsut.gaussians import SH_C0
 from gsut.lens import Camera
 from gsut.refine import TrainingRefiner
 from random_scenes import list_models, small_camera
-from rendered_dataset import poses, truth
+from rendered_dataset import poses, truth, write_views
 
 WIDTH, STEPS = 64, 40
 TEST_VIEW = 2  # of those below
@@ -47,33 +43,24 @@ class Case:
         self.truth = truth(np.random.default_rng(7)).to_dtype(np.float32)
         self.poses = [poses()[index] for index in VIEWS]
 
-    def write(self, name: str, lens: Camera, camera_from_world: list[np.ndarray]) -> Path:
-        """The photographs with this lens and these poses, right or not."""
-        path = self.folder / name
-        (path / "images").mkdir(parents=True)
-        frames = []
-        for number, (pose, given) in enumerate(zip(self.poses, camera_from_world, strict=True)):
-            image = gsut.render(self.truth, self.camera, pose).image
-            file = path / "images" / f"{number}.png"
-            cv2.imwrite(str(file), np.round(255 * np.clip(image[..., ::-1], 0, 1)).astype(np.uint8))
-            frames.append(Frame(f"images/{file.name}", file, lens, np.linalg.inv(given)))
-        colors = np.clip(255 * (0.5 + SH_C0 * self.truth.sh[:, 0]), 0, 255).astype(np.uint8)
-        means = self.truth.means + np.random.default_rng(8).normal(0, 0.03, (len(self.truth), 3))
-        (path / "points3D.ply").write_bytes(format_points_ply(means, colors))
-        test = [f"images/{TEST_VIEW}.png"]
-        write_transforms(path / "transforms.json", frames, points_file="points3D.ply", test=test)
-        return path
+    def write(self, name: str, camera_from_world: list[np.ndarray]) -> Path:
+        """The photographs with these poses, right or not."""
+        points = self.truth.means + np.random.default_rng(8).normal(0, 0.03, (len(self.truth), 3))
+        return write_views(
+            self.folder / name, self.truth, self.camera, self.poses, points=points,
+            test=[TEST_VIEW], stated=camera_from_world,
+        )  # fmt: skip
 
     @cached_property
     def data(self) -> Path:
-        return self.write("data", self.camera, self.poses)
+        return self.write("data", self.poses)
 
     @cached_property
     def perturbed(self) -> Path:
         """The photographs with poses off by 2 cm and 0.004 radians, as a standard deviation."""
         rng = np.random.default_rng(9)
         off = [_core.exp_pose(rng.normal(0, [0.02] * 3 + [0.004] * 3)) @ p for p in self.poses]
-        return self.write("perturbed", self.camera, off)
+        return self.write("perturbed", off)
 
     @cached_property
     def trained(self) -> gsut.TrainResult:

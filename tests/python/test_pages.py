@@ -80,7 +80,7 @@ def make_scene_page(folder, name, monkeypatch):
 
 
 def make_poses_page(folder, name, monkeypatch):
-    for plot in ("_plot_scene", "_plot_residuals", "_plot_tracks"):
+    for plot in ("_plot_scene", "_plot_residuals"):
         monkeypatch.setattr(page, plot, lambda *_: [])
     view = {"registered": False, "name": name}
     values = {

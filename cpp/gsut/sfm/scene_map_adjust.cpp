@@ -317,7 +317,6 @@ Structure SceneMap::Result(bool covariances) const {
   for (const double length : lengths) result.rms += length * length;
   if (!lengths.empty()) result.rms = std::sqrt(result.rms / static_cast<double>(lengths.size()));
   result.median = Median(&lengths);
-  result.loss_pixels = loss_pixels_;
   result.held_out = Median(&held_out);
   result.num_held_out = static_cast<int>(held_out.size());
   result.covariances.assign(images_.size(), Eigen::Matrix<double, 6, 6>::Zero());

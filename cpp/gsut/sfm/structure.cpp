@@ -343,7 +343,7 @@ class Mapper {
     map_->Filter(options_.max_error);
     map_->DropWeakImages();
     ReportProgress("final adjustment");
-    Structure result = map_->Result(options_.covariances && !options_.defer_covariances);
+    Structure result = map_->Result(options_.covariances);
     ReportProgress("covariances");
     return result;
   }

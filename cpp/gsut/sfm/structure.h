@@ -116,8 +116,6 @@ struct StructureOptions {
   int hold_out_every = 0;
   Rig rig;  // for RefineStructure
   bool covariances = true;
-  // Covariances are left out, of poses that are as exact as with them: see StructureCovariances.
-  bool defer_covariances = false;
   std::uint64_t seed = 0;
 };
 
@@ -149,10 +147,9 @@ struct Structure {
   std::vector<StructurePoint> points;
   int initial_first = -1, initial_second = -1;
   int restarts = 0;
-  double rms = 0.0;          // pixels: root of the mean squared length of the residuals
-  double median = 0.0;       // pixels: median length
-  double loss_pixels = 0.0;  // where Cauchy's loss bends at the end
-  double held_out = 0.0;     // pixels: median length at held-out observations; 0 if there are none
+  double rms = 0.0;       // pixels: root of the mean squared length of the residuals
+  double median = 0.0;    // pixels: median length
+  double held_out = 0.0;  // pixels: median length at held-out observations; 0 if there are none
   int num_held_out = 0;
   // (6, 6) of (centre in the world, turn in the camera frame), see PoseCovariances; 0 where not
   // registered. The first image's pose and one component of the second's centre are held.

@@ -2,5 +2,3 @@
 
 from gsut.blocks.driver import train_blocks
 from gsut.blocks.stages import BlocksResult
-
-__all__ = ["BlocksResult", "train_blocks"]

@@ -2,5 +2,3 @@
 
 from gsut.capture.frames import Capture
 from gsut.capture.inputs import capture, find_changed_inputs, needs_capture
-
-__all__ = ["Capture", "capture", "find_changed_inputs", "needs_capture"]

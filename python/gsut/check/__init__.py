@@ -5,15 +5,3 @@ from gsut.check.depths import check_depths
 from gsut.check.findings import Finding, format_findings, stop_at_errors
 from gsut.check.matches import match_neighbours
 from gsut.check.memory import refuse_too_large
-
-__all__ = [
-    "Finding",
-    "check_depths",
-    "check_scene",
-    "diagnose",
-    "doctor",
-    "format_findings",
-    "match_neighbours",
-    "refuse_too_large",
-    "stop_at_errors",
-]

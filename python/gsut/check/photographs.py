@@ -11,7 +11,7 @@ from gsut.check.agreement import Agreement, find_agreement, find_far_views
 from gsut.check.evidence import Evidence
 from gsut.check.findings import Finding
 from gsut.data import Scene, list_some
-from gsut.judge import HYPOTHESES, Dataset, Hypothesis, Variant, find_best_variants, prefer
+from gsut.judge import HYPOTHESES, Hypothesis, Variant, find_best_variants, prefer
 
 _POOR = 0.4  # share of the matches that a dataset explains: with less it is wrong
 _GROSS = 0.8  # likewise: with more there is no gross mistake
@@ -36,8 +36,8 @@ class Explanation:
         score, gain: nats a match, means over the groups of images.
     """
 
-    hypothesis: Hypothesis[Dataset]
-    variant: Variant[Dataset]
+    hypothesis: Hypothesis
+    variant: Variant
     score: float
     gain: float
 

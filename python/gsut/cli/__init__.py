@@ -26,7 +26,7 @@ from gsut import _core, _starting
 from gsut.terminal import TerminalStream, say
 
 EXIT_INPUT = 2  # wrong arguments or data: one sentence says which
-EXIT_INTERRUPTED = 130  # as shells report Ctrl-C
+EXIT_INTERRUPTED = _starting.EXIT_INTERRUPTED
 EXIT_PIPE = 141  # as shells report a reader of the output that has gone
 DEBUG_VARIABLE = "GSUT_DEBUG"
 # What libraries say, each by an error of its own, where memory is short.

@@ -18,7 +18,7 @@ from gsut.surface import Cloud, DepthMap, save_mesh
 from gsut.terminal import say
 
 _DEPTH = "depth"
-_LEVELS = 65535  # of a 16-bit picture
+_LEVELS = np.iinfo(np.uint16).max  # of a 16-bit picture
 UNIT = 1e-3  # of the dataset's, in a level: millimetres of a scene in metres
 
 

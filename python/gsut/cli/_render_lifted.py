@@ -16,7 +16,7 @@ from gsut.render import write_png
 from gsut.run import RunFile, RunFolder
 
 _FOLDER = "lifted"
-_NO_LABEL = 65535  # of the 16-bit pictures
+_NO_LABEL = np.iinfo(np.uint16).max  # of the 16-bit pictures
 
 
 class LiftedOutput:

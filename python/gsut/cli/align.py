@@ -32,20 +32,20 @@ def run(arguments: argparse.Namespace) -> int:
     from gsut.formats import save_gaussians
     from gsut.refine.captures import align_captures, find_changes
     from gsut.render import choose_solid, write_png
-    from gsut.run import Progress, RunFolder
-    from gsut.training import read_trained
+    from gsut.run import Progress
+    from gsut.training import load_run
 
     for path in filter(None, (arguments.out, arguments.changes)):
         refuse_existing(Path(path))
-    (options, scene, gaussians), (_, other, theirs) = (
-        read_trained(RunFolder.open(each), None) for each in (arguments.first, arguments.other)
-    )
+    first, second = (load_run(each) for each in (arguments.first, arguments.other))
+    other = second.scene
     with Progress() as bars:
         found = align_captures(
-            scene, gaussians, other, background=choose_solid(options.background),
+            first.scene, first.gaussians, other,
+            background=choose_solid(first.options.background),
             on_progress=bars.show,
         )  # fmt: skip
-    moved = found.apply(theirs)
+    moved = found.apply(second.gaussians)
     figures = {
         "matrix": found.matrix.tolist(), "scale": found.scale,
         "scale_sigma_percent": 100 * found.scale_sigma,
@@ -60,7 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
         for index, view in enumerate(other.views):
             if view.name in found.names:
                 pose = found.move_pose(other.to_dataset(view.camera_from_world))
-                changed, picture = find_changes(gaussians, moved, other.camera(index), pose)
+                changed, picture = find_changes(first.gaussians, moved, other.camera(index), pose)
                 write_png(folder / f"{Path(view.name).stem}.png", picture, view.turns)
                 figures["changed"][view.name] = float(changed.mean())
     lines = [

@@ -197,33 +197,29 @@ def _find_level(arguments: argparse.Namespace, gaussians: Any) -> tuple[np.ndarr
 
 
 def _find_up_of_cameras(arguments: argparse.Namespace) -> np.ndarray:
-    _, _, scene, _ = _load_trained(arguments, arguments.sources[0], "say what is up by --up X Y Z")
+    scene = _load_run(arguments.sources[0], "say what is up by --up X Y Z").scene
     rows = scene.train_indices or range(len(scene))
     poses = np.stack([scene.views[row].camera_from_world for row in rows])
     return -poses[:, 1, :3].mean(axis=0)
 
 
-def _load_trained(arguments: argparse.Namespace, source: str, otherwise: str) -> tuple[Any, ...]:
-    """Loads a run, its options, dataset and Gaussians."""
-    from gsut.run import RunFolder
-    from gsut.training import read_trained
+def _load_run(source: str, otherwise: str) -> Any:
+    from gsut.training import load_run
 
     if not Path(source).is_dir():
         raise InputError(f"{source} is a file, which has no cameras: {otherwise}")
-    run = RunFolder.open(source)
-    return (run, *read_trained(run, None))
+    return load_run(source)
 
 
 def _remove_unsupported(arguments: argparse.Namespace, source: str, gaussians: Any) -> Any:
     from gsut.compact import find_support
     from gsut.run import Progress
-    from gsut.training import read_light
 
-    run, options, scene, _ = _load_trained(arguments, source, "give a run for --floaters")
-    rows = scene.train_indices
+    run = _load_run(source, "give a run for --floaters")
+    rows = run.scene.train_indices
     with Progress(not arguments.json) as bars:
         support = find_support(
-            scene, gaussians, rows, background=options.background, light=read_light(run, scene),
+            run.scene, gaussians, rows, background=run.options.background, light=run.light,
             on_view=lambda done: bars.show("photographs", done, len(rows)),
         )  # fmt: skip
     return gaussians[~(support.contradicted | support.unseen)]
@@ -233,6 +229,6 @@ def _fit_of_positions(arguments: argparse.Namespace) -> Any:
     from gsut.sfm import fit_positions, read_positions
 
     positions = read_positions(arguments.positions)
-    _, _, scene, _ = _load_trained(arguments, arguments.sources[0], "give a run for --positions")
+    scene = _load_run(arguments.sources[0], "give a run for --positions").scene
     poses = {view.name: scene.to_dataset(view.camera_from_world) for view in scene.views}
     return fit_positions(poses, positions, arguments.positions)

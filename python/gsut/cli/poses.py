@@ -21,7 +21,6 @@ from gsut.sfm import (
     PosesLog,
     PosesOptions,
     PosesResult,
-    add_lens_readout,
     check_lens,
     find_poses,
     read_finished,
@@ -80,19 +79,19 @@ def run(arguments: argparse.Namespace) -> int:
         raise InputError("--refine-rig needs a rig; give its file by --rig")
     check_lens(arguments.camera)
     with claim_folder(arguments.out, "poses", arguments.images):
-        images, options = capture_first(arguments, options)
+        images = capture_first(arguments, options)
         figures, is_new = find_once(images, arguments, options)
     kept = {key: value for key, value in figures.items() if key != "views"}
     return print_result(arguments, kept, summarize_poses(figures, Path(arguments.out), is_new))
 
 
-def capture_first(
-    arguments: argparse.Namespace, options: PosesOptions
-) -> tuple[str | os.PathLike[str], PosesOptions]:
+def capture_first(arguments: argparse.Namespace, options: PosesOptions) -> str | os.PathLike[str]:
     """Chooses pictures of a video or of photographs without a lens; other inputs stay as given."""
-    images, camera = arguments.images, arguments.camera
-    if arguments.rig is not None or not needs_capture(images, camera, options.unknown_lens):
-        return images, options
+    images = arguments.images
+    if arguments.rig is not None or not needs_capture(
+        images, arguments.camera, options.unknown_lens
+    ):
+        return images
     with Progress(not arguments.quiet) as bars:
         taken = capture(
             [images], Path(arguments.out) / CAPTURE_FOLDER, count=arguments.frames,
@@ -100,7 +99,7 @@ def capture_first(
         )  # fmt: skip
         for note in taken.notes:
             bars.note(note)
-    return taken.path, add_lens_readout(options, camera, taken.figures)
+    return taken.path
 
 
 def find_once(

@@ -17,20 +17,3 @@ from gsut.compact.scores import (
     find_strongest,
     list_seen_views,
 )
-
-__all__ = [
-    "Compaction",
-    "SeenView",
-    "Support",
-    "blend_by_view",
-    "blend_weights",
-    "check_keep",
-    "check_method",
-    "compact",
-    "find_strongest",
-    "find_support",
-    "list_seen_views",
-    "measure_confidence",
-    "needs_views",
-    "score_gaussians",
-]

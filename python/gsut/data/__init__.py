@@ -14,25 +14,3 @@ from gsut.data.load import load_dataset, read_dataset
 from gsut.data.memory import scene_from_arrays
 from gsut.data.scene import Scene, View
 from gsut.data.write_nerfstudio import write_transforms
-
-__all__ = [
-    "CAPTURE",
-    "CAPTURE_FOLDER",
-    "STRIP",
-    "DatasetError",
-    "Frame",
-    "Scene",
-    "View",
-    "assemble",
-    "convert_dataset",
-    "find_lens_file",
-    "find_lens_files",
-    "list_some",
-    "list_writable_layouts",
-    "load_dataset",
-    "read_capture",
-    "read_dataset",
-    "save_dataset",
-    "scene_from_arrays",
-    "write_transforms",
-]

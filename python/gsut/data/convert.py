@@ -27,7 +27,6 @@ from gsut.data.load import read_dataset
 from gsut.data.memory import check_counts, check_image, check_points
 from gsut.data.poses import check_rigid, format_seconds, format_tum, invert_pose
 from gsut.data.recordings import Recording, pair_recording
-from gsut.data.rigs import BODY, OWN
 from gsut.data.scene import Scene, split_views
 from gsut.files import copy_file, staging_folder, whole_folder, write_file, write_picture
 from gsut.lens import Camera, save_camera
@@ -92,11 +91,8 @@ def convert_dataset(
     with staging_folder(out) as staging:
         recording = layout.unpack(
             source, staging, poses_topic="" if given.get("poses") else poses_topic,
-            cameras=given.get("cameras", ()), poses_of=given.get("poses_of"), progress=progress,
+            cameras=given.get("cameras", ()), progress=progress,
         )  # fmt: skip
-        names = [stream.name for stream in recording.streams]
-        if given.get("poses_of") not in (BODY, OWN, *names):
-            given.pop("poses_of", None)  # a frame of the bag, which is now the body
         recording = replace_parts(recording, _from_here(given), Path.cwd(), source)
         if recording.poses is None:
             return _write_pictures(recording, out)

@@ -5,12 +5,3 @@ from gsut.evaluate.held_out import mean_psnr
 from gsut.evaluate.report import write_report
 from gsut.evaluate.report_plots import name_ring
 from gsut.evaluate.scene_page import write_scene_page
-
-__all__ = [
-    "evaluate",
-    "mean_psnr",
-    "name_ring",
-    "run_metrics",
-    "write_report",
-    "write_scene_page",
-]

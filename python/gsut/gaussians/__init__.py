@@ -21,27 +21,3 @@ from gsut.gaussians.stored import (
     count_bytes_per_gaussian,
 )
 from gsut.gaussians.surfels import press_surfels
-
-__all__ = [
-    "SH_C0",
-    "Gaussians",
-    "LinearGaussians",
-    "StoredGaussians",
-    "choose_points",
-    "compute_pixel_density",
-    "count_bytes_per_gaussian",
-    "find_ground",
-    "find_pixel_sizes",
-    "find_rotation_vectors",
-    "measure_rotation_angles",
-    "merge_gaussians",
-    "multiply_quaternions",
-    "order_by_morton_code",
-    "press_surfels",
-    "quaternion_from_rotation",
-    "rotate_upright",
-    "rotations_from_quaternions",
-    "seed_from_points",
-    "seed_in_view",
-    "transform_gaussians",
-]

@@ -1,13 +1,12 @@
 """Decides by evidence: which of two structures, or hypotheses, explains matches better."""
 
-from gsut.judge.dataset import Dataset
 from gsut.judge.epipolar import (
     compute_readout_poses,
     find_readout_moments,
     measure_angular_errors,
     measure_pixels_per_radian,
 )
-from gsut.judge.hypotheses import Hypothesis, Variant, find_best_variants
+from gsut.judge.hypotheses import Dataset, Hypothesis, Variant, find_best_variants
 from gsut.judge.lens_errors import LENS_ERRORS
 from gsut.judge.path_errors import PATH_ERRORS
 from gsut.judge.preference import (

@@ -10,7 +10,7 @@ from gsut.data.poses import invert_pose
 from gsut.lens import Camera
 
 _TINY = 1e-12  # keeps quotients finite
-_MOMENTS = 16  # of a rolling readout at which poses are taken: neighbouring poses hardly differ
+MOMENTS = 16  # of a rolling readout at which poses are taken: neighbouring poses hardly differ
 
 
 def compute_readout_poses(view: View) -> np.ndarray:
@@ -18,7 +18,7 @@ def compute_readout_poses(view: View) -> np.ndarray:
     motion = view.motion
     if not isinstance(motion, CameraMotion):
         return invert_pose(np.asarray(motion))[None]
-    times = (np.arange(_MOMENTS) + 0.5) / _MOMENTS
+    times = (np.arange(MOMENTS) + 0.5) / MOMENTS
     return np.array([invert_pose(np.asarray(motion.at(float(time)))) for time in times])
 
 
@@ -32,7 +32,7 @@ def find_readout_moments(view: View, camera: Camera, pixels: np.ndarray) -> np.n
     share = pixels[:, along] / (camera.width, camera.height)[along]
     if direction in ("bottom_to_top", "right_to_left"):
         share = 1 - share
-    return np.clip((share * _MOMENTS).astype(np.int64), 0, _MOMENTS - 1)
+    return np.clip((share * MOMENTS).astype(np.int64), 0, MOMENTS - 1)
 
 
 def measure_pixels_per_radian(camera: Camera) -> float:

@@ -3,21 +3,58 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterable, Sequence
-from typing import Generic, TypeVar
+from collections.abc import Callable, Iterable, Iterator, Sequence
 
 import numpy as np
 
+from gsut.lens import Camera
+
 _FINEST = 1 / 16  # of the first step: where a climb ends
 
-Given = TypeVar("Given")
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Dataset:
+    """What a hypothesis may change.
+
+    Args:
+        poses: (V, B, 4, 4) world_from_camera, one a view or one for each of B moments of a readout.
+        cameras: the lenses.
+        lens: (V,) index of each view's lens.
+        file_axes: (3, 3) camera axes in which the dataset's file names poses.
+        paths: views in the order of time, a list for each camera.
+    """
+
+    poses: np.ndarray
+    cameras: tuple[Camera, ...]
+    lens: np.ndarray
+    file_axes: np.ndarray
+    paths: list[list[int]]
+
+    def move(self, rotation: np.ndarray, center: np.ndarray) -> Dataset:
+        """Returns the dataset with other poses, of rotations (V, B, 3, 3) and centres."""
+        poses = self.poses.copy()
+        poses[..., :3, :3], poses[..., :3, 3] = rotation, center
+        return dataclasses.replace(self, poses=poses)
+
+    def place(self, poses: np.ndarray) -> Dataset:
+        """Returns the dataset with other poses (V, B, 4, 4)."""
+        return dataclasses.replace(self, poses=poses)
+
+    def equip(self, cameras: Sequence[Camera | None]) -> Dataset | None:
+        """Returns the dataset with other lenses; None if one is missing, or none differs."""
+        known = tuple(camera for camera in cameras if camera is not None)
+        if len(known) < len(self.cameras) or known == self.cameras:
+            return None
+        return dataclasses.replace(self, cameras=known)
+
+
 Numbers = Sequence[float] | np.ndarray
 # Scores of a dataset (G,): nats a match, of each group of images.
-Rate = Callable[[Given], np.ndarray]
+Rate = Callable[[Dataset], np.ndarray]
 
 
 @dataclasses.dataclass(frozen=True)
-class Variant(Generic[Given]):
+class Variant:
     """What a hypothesis supposes.
 
     Args:
@@ -27,11 +64,14 @@ class Variant(Generic[Given]):
 
     words: str
     edit: str
-    data: Given
+    data: Dataset
+
+
+Variants = Iterator[Variant]
 
 
 @dataclasses.dataclass(frozen=True)
-class Hypothesis(Generic[Given]):
+class Hypothesis:
     """One way in which a dataset may be wrong.
 
     Args:
@@ -48,15 +88,15 @@ class Hypothesis(Generic[Given]):
     sentence: str
     cure: str
     subject: str
-    suppose: Callable[[Given, Rate[Given]], Iterable[Variant[Given]]]
+    suppose: Callable[[Dataset, Rate], Iterable[Variant]]
     is_gross: bool = False
     is_everywhere: bool = False
     free: int = 0
 
 
 def climb(
-    suppose: Callable[[np.ndarray], Given | None],
-    rate: Rate[Given],
+    suppose: Callable[[np.ndarray], Dataset | None],
+    rate: Rate,
     starts: Iterable[Numbers],
     steps: Numbers,
 ) -> np.ndarray:
@@ -91,8 +131,8 @@ def climb(
 
 
 def find_best_variants(
-    hypotheses: Sequence[Hypothesis[Given]], given: Given, rate: Rate[Given], is_poor: bool
-) -> list[tuple[Hypothesis[Given], Variant[Given]]]:
+    hypotheses: Sequence[Hypothesis], given: Dataset, rate: Rate, is_poor: bool
+) -> list[tuple[Hypothesis, Variant]]:
     """Finds the best variant of each hypothesis that scores better than what is given.
 
     Args:

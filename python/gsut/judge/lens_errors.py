@@ -9,8 +9,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from gsut._core import InputError
-from gsut.judge.dataset import Dataset, Variants
-from gsut.judge.hypotheses import Hypothesis, Numbers, Rate, Variant, climb
+from gsut.judge.hypotheses import Dataset, Hypothesis, Numbers, Rate, Variant, Variants, climb
 from gsut.lens import Camera
 
 # Factors on the image's size that programs resize by, and that a lens may not have followed.
@@ -188,7 +187,7 @@ def _suppose_crops(data: Dataset, rate: Rate) -> Variants:
                               edit)  # fmt: skip
 
 
-LENS_ERRORS: tuple[Hypothesis[Dataset], ...] = (
+LENS_ERRORS: tuple[Hypothesis, ...] = (
     Hypothesis("the lenses of cameras {} exchanged", "exchange their lenses", "lens",
                _suppose_exchanges),
     Hypothesis("{}", 'name the model: camera_model "{}"', "lens", _suppose_models),

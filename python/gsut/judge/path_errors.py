@@ -9,10 +9,9 @@ import numpy as np
 from gsut._core import exp_pose
 from gsut.data.poses import invert_pose
 from gsut.gaussians import quaternion_from_rotation, rotations_from_quaternions
-from gsut.judge.dataset import Dataset, Variants
-from gsut.judge.hypotheses import Hypothesis, Rate, Variant, climb
+from gsut.judge.epipolar import MOMENTS
+from gsut.judge.hypotheses import Dataset, Hypothesis, Rate, Variant, Variants, climb
 
-_MOMENTS = 16  # of a readout
 _FEWEST = 4  # views of a path along which time can be shifted
 _MOST_VIEWS = 60  # among which poses are exchanged: each is tried in place of each
 _NAME_GAIN = 0.02  # nats a match that a view must gain by another's pose
@@ -64,7 +63,7 @@ def _suppose_shutters(data: Dataset, _: Rate) -> Variants:
 def _suppose_readouts(data: Dataset, rate: Rate) -> Variants:
     if data.poses.shape[1] > 1:
         return
-    along = (np.arange(_MOMENTS) + 0.5) / _MOMENTS - 0.5
+    along = (np.arange(MOMENTS) + 0.5) / MOMENTS - 0.5
 
     def suppose(x: np.ndarray) -> Dataset:
         return shift_frames(data, x[0] * along)
@@ -143,7 +142,7 @@ def _suppose_other_names(data: Dataset, rate: Rate) -> Variants:
         yield Variant(f"{len(changed)}", "", data)
 
 
-PATH_ERRORS: tuple[Hypothesis[Dataset], ...] = (
+PATH_ERRORS: tuple[Hypothesis, ...] = (
     Hypothesis("these poses when each image takes the pose of {}",
                "shift the poses' clock against the images' by as much, or pair names and poses "
                "again", "poses", _suppose_clocks, free=1),

@@ -59,14 +59,12 @@ class Preference:
     """Which of two structures explains matches better.
 
     Args:
-        winner: the rival only where it is better beyond chance, and in most images that it touches.
-        is_rival: whether the rival is the winner.
+        is_rival: the rival does, beyond chance, and in most images that it touches.
         gain: of the rival, in nats, its free parameters paid for.
         sigma: standard deviation of the gain over images.
         share: of the images that the rival touches, those that gain.
     """
 
-    winner: Structure
     is_rival: bool
     gain: float
     sigma: float
@@ -88,7 +86,7 @@ def prefer(current: Structure, rival: Structure, matches: Matches) -> Preference
     rare = float(convert_to_normal(gain / sigma, max(1, len(by_image) - 1)))
     is_sure = rare > SURE and share > 0.5
     wins = gain > 0 and (is_sure or math.isinf(gain))
-    return Preference(rival if wins else current, wins, gain, sigma, share)
+    return Preference(wins, gain, sigma, share)
 
 
 def estimate_noise(errors: np.ndarray, extent: float) -> tuple[float, float]:

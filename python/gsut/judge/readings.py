@@ -11,8 +11,7 @@ import numpy as np
 from gsut._core import exp_pose
 from gsut.data.poses import OPENGL_FROM_OPENCV
 from gsut.gaussians import quaternion_from_rotation, rotations_from_quaternions
-from gsut.judge.dataset import Dataset, Variants
-from gsut.judge.hypotheses import Hypothesis, Rate, Variant, climb
+from gsut.judge.hypotheses import Dataset, Hypothesis, Rate, Variant, Variants, climb
 
 _OPENGL = OPENGL_FROM_OPENCV[:3, :3]
 # A robot's body axes (x forward, y left, z up) from OpenCV's camera axes.
@@ -155,7 +154,7 @@ def _suppose_bodies(data: Dataset, rate: Rate) -> Variants:
         yield Variant("", rows, suppose(x))
 
 
-READINGS: tuple[Hypothesis[Dataset], ...] = (
+READINGS: tuple[Hypothesis, ...] = (
     Hypothesis("these poses read as world-to-camera{}",
                "replace each matrix M of the poses by inv(M){}", "poses", _suppose_inverses,
                is_gross=True),

@@ -138,11 +138,6 @@ class LensProfile:
         corners = [[x, y] for x in (0.0, self.width) for y in (0.0, self.height)]
         return bool(self.make_camera().unproject(np.array(corners))[1].all())
 
-    def find_readout_share(self, fps: float) -> float | None:
-        """Returns the readout time over the time of a frame at `fps`; None if unknown."""
-        share = abs(self.readout_ms or 0.0) * fps / 1000
-        return share if 0 < share <= 1 else None
-
     def rate_size(self, width: int, height: int) -> int:
         """Rates a size of pictures: 0 if known to share the lens, 1 for the same shape, else 2."""
         pair = (max(width, height), min(width, height))

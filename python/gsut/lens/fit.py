@@ -10,13 +10,13 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
+from gsut.bounds import MOST_WHOLE
 from gsut.least_squares import minimize_least_squares
 from gsut.lens.camera import Camera, camera_models
 from gsut.lens.fit_spline import fit_spline
 
 CONTROL_COLUMNS = 16  # control points across the image, of a splined lens
 _MOST_PARAMS = 64
-_COUNTED = 2**31  # by the core
 _MAX_STEPS = 300
 _STEPS_WIDENING = 60  # while the field still widens
 _LEAST_GAIN = 1e-9  # of the cost in a step, below which the search ends
@@ -54,7 +54,7 @@ def check_model(model: str, num_params: int | None) -> None:
         raise InputError(f"unknown camera model '{model}'; known: {', '.join(camera_models())}")
     if num_params is None:
         return
-    if not 0 <= num_params < _COUNTED or not _core.camera_accepts_params(model, num_params):
+    if not 0 <= num_params <= MOST_WHOLE or not _core.camera_accepts_params(model, num_params):
         raise InputError(
             f"'{model}' does not take {num_params} parameters; it takes"
             f" {_core.camera_param_names(model)}"

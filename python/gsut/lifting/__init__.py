@@ -4,10 +4,3 @@ from gsut.lifting.back_projection import lift
 from gsut.lifting.judge import judge_lifted
 from gsut.lifting.lifted import Lifted
 from gsut.lifting.map_folder import MapFolder
-
-__all__ = [
-    "Lifted",
-    "MapFolder",
-    "judge_lifted",
-    "lift",
-]

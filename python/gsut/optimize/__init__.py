@@ -11,18 +11,3 @@ from gsut.optimize.schedule import (
     find_last_densification,
 )
 from gsut.optimize.trajectory_mean import TrajectoryMean
-
-__all__ = [
-    "DENSIFY_FROM",
-    "DENSIFY_UNTIL",
-    "GaussianOptimizer",
-    "LearningRates",
-    "TrajectoryMean",
-    "choose_view",
-    "compute_learning_rates",
-    "compute_target_size",
-    "densify_adaptive",
-    "densify_mcmc",
-    "find_last_densification",
-    "split_and_prune",
-]

@@ -12,19 +12,3 @@ from gsut.page.page import (
     render_template,
 )
 from gsut.page.plots import ImageChart, plot_map, plot_residuals
-
-__all__ = [
-    "Chart",
-    "ImageChart",
-    "Style",
-    "build_page",
-    "build_table",
-    "embed_bytes",
-    "embed_picture",
-    "format_duration",
-    "format_number",
-    "paint_values",
-    "plot_map",
-    "plot_residuals",
-    "render_template",
-]

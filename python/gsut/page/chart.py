@@ -155,14 +155,6 @@ class Chart:
             self.write(middle, top - 6, f"{value:.2f}", Style.INK, 12.5, bold=True)
             self.write(middle, self.bottom + 17, label, Style.MUTED, 12)
 
-    def draw_histogram(self, edges: np.ndarray, values: np.ndarray) -> None:
-        """Draws bars (N,) between edges (N + 1,) of x."""
-        across, tops = self._place_x(edges), self._place_y(values)
-        bars = zip(across[:-1], tops, across[1:], strict=True)
-        floor = self.bottom
-        path = "".join(f"M{a:.1f} {floor}V{top:.1f}H{b:.1f}V{floor}Z" for a, top, b in bars)
-        self._parts.append(f'<path d="{path}" fill="{Style.LINE}"/>')
-
     def draw_segments(
         self, x: np.ndarray, y: np.ndarray, color: str = Style.LINE, width: float = 1.2
     ) -> None:

@@ -7,18 +7,3 @@ from gsut.refine.pose import RefinedPose, refine_pose
 from gsut.refine.pose_files import read_refined, write_refined
 from gsut.refine.refiner import TrainingRefiner, check_refinable
 from gsut.refine.tracks import TracksResult, refine_by_tracks
-
-__all__ = [
-    "Localized",
-    "RefinedPose",
-    "TracksResult",
-    "TrainingRefiner",
-    "check_refinable",
-    "evaluate_aligned",
-    "localize",
-    "localize_image",
-    "read_refined",
-    "refine_by_tracks",
-    "refine_pose",
-    "write_refined",
-]

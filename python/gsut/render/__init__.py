@@ -22,36 +22,3 @@ from gsut.render.surface import (
 )
 from gsut.render.surroundings import choose_solid, with_surroundings
 from gsut.render.tour import make_tour_path
-
-__all__ = [
-    "DEFAULT_UNSCENTED",
-    "METHODS",
-    "Confidence",
-    "Falloff",
-    "Gradients",
-    "Light",
-    "PixelFilter",
-    "Projection",
-    "Render",
-    "Surface",
-    "choose_solid",
-    "compute_field_angles",
-    "is_film",
-    "make_orbit_path",
-    "make_tour_path",
-    "measure_depth",
-    "name_pictures",
-    "place_about",
-    "project",
-    "render",
-    "render_backward",
-    "render_surface",
-    "render_surface_backward",
-    "smooth_path",
-    "to_uint8",
-    "turn_path",
-    "with_surroundings",
-    "write_png",
-    "write_video",
-    "z_from_distance",
-]

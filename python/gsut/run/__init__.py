@@ -9,25 +9,3 @@ from gsut.run.progress import Progress
 from gsut.run.staged_progress import StagedProgress, StageFollower
 from gsut.run.stopwatch import Stopwatch
 from gsut.run.verdict import Verdict
-
-__all__ = [
-    "BlockOptions",
-    "Progress",
-    "RunFile",
-    "RunFolder",
-    "SceneOptions",
-    "StageFollower",
-    "StagedProgress",
-    "Stopwatch",
-    "TrainOptions",
-    "Verdict",
-    "check_fits",
-    "describe_environment",
-    "format_size",
-    "free_memory",
-    "measure_peak_rss",
-    "read_checkpoint",
-    "read_plan",
-    "release_memory",
-    "write_checkpoint",
-]

@@ -1,7 +1,7 @@
 """Structure from motion: photographs and a lens in, camera poses and points out."""
 
 from gsut.sfm.mapping import PosesLog
-from gsut.sfm.photographs import PosesOptions, add_lens_readout, check_lens
+from gsut.sfm.photographs import PosesOptions, check_lens
 from gsut.sfm.pipeline import (
     PosesResult,
     find_poses,
@@ -17,22 +17,3 @@ from gsut.sfm.world import (
     fit_positions,
     read_positions,
 )
-
-__all__ = [
-    "PoseErrors",
-    "PosesLog",
-    "PosesOptions",
-    "PosesResult",
-    "add_lens_readout",
-    "check_lens",
-    "compare_datasets",
-    "compare_poses",
-    "find_poses",
-    "fit_positions",
-    "is_finished",
-    "read_finished",
-    "read_positions",
-    "read_scale_sigma",
-    "run_mapping",
-    "start_mapping",
-]

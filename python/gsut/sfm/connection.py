@@ -13,7 +13,7 @@ from gsut.sfm.lens import search_lenses
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import explain_failure, require_overlap
 from gsut.sfm.rig import solve_rig
-from gsut.sfm.solution import Adjustment, measure_diagonal, solve_poses
+from gsut.sfm.solution import measure_diagonal, solve_poses
 from gsut.sfm.starts import compare_halves, register_left_out, try_other_starts
 
 _A_FEW = 12  # images, up to which learned features are added where those of SIFT hold poses badly
@@ -76,7 +76,6 @@ def _map_photographs(mapping: Mapping) -> Mapping:
         solution = solve_poses(
             mapping.images, mapping.pairs, mapping.options,
             mapping.log.follow_steps("mapping"),
-            Adjustment(defer_covariances=mapping.shutter_follows),
         )  # fmt: skip
     except SolveError as error:
         advice = "let the lens be estimated: --unknown-lens"

@@ -7,7 +7,7 @@ import functools
 import importlib
 import sys
 from collections.abc import Callable
-from types import ModuleType, TracebackType
+from types import ModuleType
 from typing import Any
 
 from gsut import InputError
@@ -67,36 +67,18 @@ def patch_gsplat(*, api: str | None = None) -> GsplatPatch:
     return patch
 
 
-class GsplatPatch:
-    """gsplat's modules with functions of gsut, until `undo`."""
-
-    def __init__(self) -> None:
-        self._originals: list[tuple[ModuleType, str, Any]] = []
+class GsplatPatch(contextlib.ExitStack):
+    """gsplat's modules with functions of gsut, until `undo` or the end of a `with`."""
 
     def replace(self, module: ModuleType, name: str, value: Any) -> None:
         """Replaces a name of a module, where it has it."""
         if name in vars(module):
-            self._originals.append((module, name, vars(module)[name]))
+            self.callback(setattr, module, name, vars(module)[name])
             setattr(module, name, value)
-
-    def list_names(self) -> list[str]:
-        """Lists what has been replaced, as module.name."""
-        return [f"{module.__name__}.{name}" for module, name, _ in self._originals]
 
     def undo(self) -> None:
         """Puts gsplat's own functions back."""
-        while self._originals:
-            module, name, value = self._originals.pop()
-            setattr(module, name, value)
-
-    def __enter__(self) -> GsplatPatch:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:  # fmt: skip
-        self.undo()
+        self.close()
 
 
 def _make_functions(version: str) -> dict[str, Callable[..., Any]]:

@@ -13,14 +13,3 @@ from gsut.training.record import (
     read_scene,
     read_trained,
 )
-
-__all__ = [
-    "TrainedRun",
-    "TrainingLoop",
-    "choose_degree",
-    "load_run",
-    "open_trained",
-    "read_light",
-    "read_scene",
-    "read_trained",
-]

@@ -5,11 +5,3 @@ from gsut.view.measure import find_point_in_photograph
 from gsut.view.server import ViewServer
 from gsut.view.session import Session
 from gsut.view.stage import open_stage
-
-__all__ = [
-    "LiveTraining",
-    "Session",
-    "ViewServer",
-    "find_point_in_photograph",
-    "open_stage",
-]

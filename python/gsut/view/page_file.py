@@ -23,6 +23,7 @@ from gsut.files import (
     write_file,
 )
 from gsut.formats import WriteSettings, prepare_for_file, save_gaussians
+from gsut.gaussians import order_by_morton_code
 from gsut.orientation import turn_size
 from gsut.view.named_views import NamedView
 from gsut.view.stage import Stage
@@ -37,11 +38,10 @@ _MODES = ("color", "distance", "alpha", "error")
 _COLOR_MAPS = ("turbo", "inferno")
 # The page's scripts, in the order in which they run.
 _SCRIPTS = (
-    "exact/core.js", "exact/card.js", "exact/moving.js", "exact/page_server.js", "select.js",
-    "view.js",
+    "exact/core.js", "exact/moving.js", "exact/page_server.js", "select.js", "view.js",
 )  # fmt: skip
 # Texts that these hand on: workers run scripts of their own, a graphics card runs shaders.
-_TEXTS = ("exact/worker.js", "exact/order.js", "exact/forward.wgsl", "exact/moving.glsl")
+_TEXTS = ("exact/worker.js", "exact/order.js", "exact/moving.glsl")
 # Bytes of a scene or a program: an array of a browser holds no more.
 _MOST_BYTES = 1 << 31
 # Bytes of the header of an SPZ.
@@ -56,8 +56,6 @@ _FEW_PERCENT = 5.0
 _DIGITS = "".join(chr(code) for code in range(33, 127) if chr(code) not in '"<\\')
 # Bits that two of them hold.
 _PAIR_BITS = 13
-# Bits of a coordinate in the curve by which Gaussians are ordered.
-_CURVE_BITS = 16
 # The page may load nothing: scripts, styles, pictures and workers are its own.
 _POLICY = (
     "default-src 'none'; script-src 'unsafe-inline' 'wasm-unsafe-eval' blob:; worker-src blob:; "
@@ -102,7 +100,8 @@ def write_page(path: Path, session: Any, settings: PageSettings) -> Any:
     """
     stage = session.stage
     whole = session.shown.load_all()
-    whole = whole[_order_along_curve(whole.means)]
+    if len(whole):  # neighbours differ little, which packs well
+        whole = whole[order_by_morton_code(whole.means)]
     with TemporaryDirectory(prefix="gsut-") as folder:
         scene = Path(folder) / "scene.spz"
         written = save_gaussians(scene, whole, WriteSettings(antialiased=stage.antialiased))
@@ -222,20 +221,6 @@ def _pack_scene(spz: bytes) -> bytes:
     return b"".join(
         (header, planes.tobytes(), between, scales.T.tobytes(), rotations.T.tobytes(), rest)
     )
-
-
-def _order_along_curve(means: np.ndarray) -> np.ndarray:
-    """Orders points so that neighbours follow each other: by Morton's curve."""
-    low = means.min(axis=0, initial=0.0)
-    span = float(np.ptp(means, axis=0).max(initial=0.0)) or 1.0
-    cells = ((means - low) / span * (2**_CURVE_BITS - 1)).astype(np.uint64)
-    codes = np.zeros(len(means), np.uint64)
-    for bit in range(_CURVE_BITS):
-        for axis in range(3):
-            codes |= ((cells[:, axis] >> np.uint64(bit)) & np.uint64(1)) << np.uint64(
-                3 * bit + axis
-            )
-    return np.argsort(codes, kind="stable")
 
 
 def _encode(data: bytes) -> str:

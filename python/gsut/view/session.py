@@ -40,7 +40,7 @@ _WEBP_QUALITY = 80
 _MASKED = (200, 40, 60)
 # Photographs that are decoded at once: each takes several times its pixels of memory.
 _MOST_DECODING = 2
-# Most keyframes of a saved path: two hours of walking, recorded.
+# Most keyframes of a saved path: more than anybody sets.
 _MOST_KEYS = 20_000
 # Shape of a request for a photograph.
 _PHOTOGRAPH = {

@@ -346,7 +346,7 @@ function walk(now) {
 const KEYS = {
   KeyO: () => choose("navigation", state.navigation === "walk" ? "orbit" : "walk"),
   KeyC: () => { const names = Object.keys(COMPARE_NAMES); choose("compare", names[(names.indexOf(state.compare) + 1) % names.length]); },
-  KeyL: levelled, Home: () => $("home").click(), KeyK: () => $("key-add").click(), KeyM: () => $("measure").click(), KeyR: () => $("record").click(),
+  KeyL: levelled, Home: () => $("home").click(), KeyK: () => $("key-add").click(), KeyM: () => $("measure").click(),
   KeyP: () => $("shot").click(), KeyT: () => $("panel-toggle").click(), KeyX: () => lossless(!state.lossless),
   BracketLeft: () => $("previous").click(), BracketRight: () => $("next").click(),
 };
@@ -565,13 +565,6 @@ function keysChanged() {
   const count = state.keys.length;
   $("keys-text").textContent = count ? `${count} keyframe${count > 1 ? "s" : ""}` : "No keyframes yet.";
 }
-let recording;
-function record() { // adds a keyframe if the eye has moved
-  const pose = state.exact ?? poseOf(state.eye);
-  if (String(pose) === String(state.keys.at(-1))) return;
-  state.keys.push(pose);
-  keysChanged();
-}
 async function fillFindings() {
   $("findings").hidden = false;
   const rows = await ask("findings");
@@ -685,13 +678,6 @@ function connect() {
     await makeLens({ name: file.name, base64: btoa(Array.from(bytes, (byte) => String.fromCharCode(byte)).join("")) });
   });
   on("key-add", "click", () => { state.keys.push(state.exact ?? poseOf(state.eye)); keysChanged(); toast(`keyframe ${state.keys.length}`, 1.5); });
-  on("record", "click", () => {
-    const going = $("record").getAttribute("aria-pressed") === "true";
-    clearInterval(recording);
-    $("record").setAttribute("aria-pressed", String(!going));
-    if (!going) recording = setInterval(record, 400);
-    record();
-  });
   on("key-remove", "click", () => { state.keys.pop(); keysChanged(); });
   on("key-save", "click", async () => {
     const { width, height, turns } = lens;

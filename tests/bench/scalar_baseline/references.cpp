@@ -75,40 +75,12 @@ py::tuple RenderLines(const py::object& gaussians, const py::object& lines,
   return ReferenceArrays(result, rays.height, rays.width);
 }
 
-// Overwrites `gradients` by those to the Gaussians; returns those to the lines (H, W, 6), in the
-// world. slopes: dimage (H, W, 3), dalpha and ddepth (H, W) or None.
-py::array_t<double> BackwardLines(const py::object& gaussians, const py::object& lines,
-                                  const py::object& reference, const BlendRule& rule,
-                                  const py::tuple& slopes, const py::object& gradients) {
-  const ViewRays view = RaysOfLines(lines, reference);
-  const std::int64_t h = view.height, w = view.width;
-  const double* image = ConstData<double>(slopes[0], "dimage", {h, w, 3});
-  const double* alpha = OptionalData<double>(slopes[1], "dalpha", {h, w});
-  const double* depth = OptionalData<double>(slopes[2], "ddepth", {h, w});
-  RayGradients rays;
-  ShadingGradient shading;
-  RenderReferenceBackward(ConstGaussians<double>(gaussians), view, Settings(rule, {0, 0, 0}, 3),
-                          {image, alpha, depth}, MutableGaussians<double>(gradients), &rays,
-                          &shading);
-  // The reference's frame is the renderer's own affair: back into world axes.
-  auto out = NewArray<double>({view.height, view.width, 6});
-  const Eigen::Matrix3d to_world = view.reference.rotation.transpose();
-  double* line = out.mutable_data();
-  for (std::size_t i = 0; i < view.valid.size(); ++i) {
-    Map<Vector3d>(line + 6 * i) = to_world * Map<const Vector3d>(&rays.origins[3 * i]);
-    Map<Vector3d>(line + 6 * i + 3) = to_world * Map<const Vector3d>(&rays.rays[3 * i]);
-  }
-  return out;
-}
-
 }  // namespace
 
 void BindReferences(py::module_& m) {
   m.def("color_jacobian", &ColorJacobian, py::arg("gaussians"), py::arg("job"), py::arg("pixels"));
   m.def("render_lines_reference", &RenderLines, py::arg("gaussians"), py::arg("lines"),
         py::arg("reference"), py::arg("rule"));
-  m.def("render_lines_reference_backward", &BackwardLines, py::arg("gaussians"), py::arg("lines"),
-        py::arg("reference"), py::arg("rule"), py::arg("slopes"), py::arg("gradients"));
 }
 
 }  // namespace gsut::bindings

@@ -13,7 +13,6 @@ from gsut.capture import capture, needs_capture
 from gsut.capture.exif import read_facts
 from gsut.capture.photographs import collect_photographs, find_photograph_files
 from gsut.sfm.lens.candidates import guess_lenses
-from gsut.sfm.lens.doubt import explain_contradiction
 from gsut.sfm.photographs.listing import find_photographs
 from small_videos import walk
 
@@ -206,13 +205,6 @@ def test_several_videos_of_one_size_are_joined(tmp_path):
     photograph(tmp_path / "p/0.jpg")
     with pytest.raises(gsut.InputError, match=r"different sizes.*320 x 240.*64 x 48"):
         capture([videos[0], tmp_path / "p"], tmp_path / "out2", count=4)
-
-
-def test_exif_that_contradicts_the_lens_found_is_named():
-    lens = gsut.Camera("pinhole", [700.0, 700.0, 500.0, 400.0], 1000, 800)
-    assert explain_contradiction(710.0, lens) == []
-    (text,) = explain_contradiction(555.0, lens)
-    assert "555 px (84 degrees across" in text and "700 px were found, 71 degrees" in text
 
 
 def test_capture_comes_first_where_the_lens_is_not_known(tmp_path):

@@ -6,7 +6,6 @@ import pytest
 
 import gsut
 from gsut.cli import main
-from gsut.sfm import PosesOptions, add_lens_readout
 from gsut.sfm.photographs.listing import find_photographs
 from small_videos import walk_past
 
@@ -27,15 +26,3 @@ def test_video_becomes_poses_with_time_stamps(tmp_path, capsys):
     assert "the pictures chosen" in (data / "report.html").read_text()
     found = find_photographs(data / "capture", None)
     assert found.times == {row["name"]: row["time"] for row in rows}
-
-
-def test_named_lens_gives_the_readout_time_of_a_rolling_shutter():
-    captured = {"size": [3840, 2160], "name_rate": 29.97}
-    name = "GoPro HERO5 Black, Wide, NO-EIS"
-    rolling = PosesOptions(shutter="rolling")
-    assert add_lens_readout(rolling, name, captured).readout_time == pytest.approx(0.5, abs=0.01)
-    assert add_lens_readout(rolling, None, captured) == rolling
-    assert add_lens_readout(PosesOptions(), name, captured) == PosesOptions()
-    given = PosesOptions(shutter="rolling", readout_time=0.3)
-    assert add_lens_readout(given, name, captured).readout_time == 0.3
-    assert isinstance(gsut.lens.find_lenses(name)[0].readout_ms, float)

@@ -101,7 +101,8 @@ def test_a_lens_file_serves_a_bag_without_one_lens(state, write_bag, tmp_path):
 def test_a_trajectory_in_a_file_serves_a_bag_without_poses(write_bag, tmp_path):
     bag = write_bag(tmp_path / "walk", "ROS2_HUMBLE", odometry=())
     (tmp_path / "slam.txt").write_text(made.trajectory(made.times()))
-    parts = {"poses": str(tmp_path / "slam.txt"), "poses_of": "base"}
+    (tmp_path / "chain.yaml").write_text(made.camchain())
+    parts = {"poses": str(tmp_path / "slam.txt"), "lens": str(tmp_path / "chain.yaml")}
     gsut.convert_dataset(bag, tmp_path / "out", parts=parts)
     assert_truth(gsut.load_dataset(tmp_path / "out"))
 

@@ -9,7 +9,7 @@ import pytest
 
 from gsut.evaluate.report_plots import plot_curve, plot_rings
 from gsut.page import ImageChart, plot_residuals
-from gsut.page.chart import Chart, _list_log_ticks, _list_ticks
+from gsut.page.chart import Chart
 from gsut.run import TrainOptions
 
 
@@ -19,19 +19,6 @@ def svg(address: str) -> str:
 
 def texts(address: str) -> list[str]:
     return re.findall(r">([^<]+)</text>", svg(address))
-
-
-@pytest.mark.parametrize(
-    ("low", "high", "expected"),
-    [(0, 400, [0, 50, 100, 150, 200, 250, 300, 350, 400]), (-0.5, 0.5, [-0.4, -0.2, 0, 0.2, 0.4]),
-     (25.3, 31.2, [26, 27, 28, 29, 30, 31])],
-)  # fmt: skip
-def test_ticks_are_round_and_within_the_axis(low, high, expected):
-    assert _list_ticks(low, high) == expected
-
-
-def test_list_log_ticks_are_one_two_and_five():
-    assert _list_log_ticks(0.03, 2.5) == [0.05, 0.1, 0.2, 0.5, 1, 2]
 
 
 def test_a_line_goes_from_corner_to_corner_of_its_axes():
@@ -59,15 +46,6 @@ def test_a_map_has_one_scale_and_its_points_lie_where_its_segments_do():
     for end, color in zip(ends, ([0, 0, 255, 255], [255, 0, 0, 255]), strict=True):
         column, row = 2 * (end[0] - float(corner)), 2 * (end[1] - top)
         assert (picture[int(row), int(column)] == color).all()
-
-
-def test_a_histogram_has_a_bar_between_each_two_edges():
-    chart = Chart("", "", (0.0, 2.0), (0.0, 4.0))
-    chart.draw_histogram(np.array([0.0, 1.0, 2.0]), np.array([4.0, 2.0]))
-    (path,) = re.findall(r'd="(M[^"]*Z)"', svg(chart.embed()))
-    tops = [float(top) for top in re.findall(r"V([\d.]+)H", path)]
-    floor = float(re.search(r" ([\d.]+)V", path).group(1))
-    assert len(tops) == 2 and floor - tops[0] == 2 * (floor - tops[1]) > 0
 
 
 def test_curves_of_any_history_name_their_axis_and_last_value():

@@ -104,7 +104,7 @@ def test_camera_is_scaled_cropped_and_turned_with_the_picture():
     assert (upright.width, upright.height) == (750, 1000)
 
 
-def test_sizes_readout_and_field_of_view_of_a_profile():
+def test_sizes_and_field_of_view_of_a_profile():
     profile = _profile()
     assert [profile.rate_size(*size) for size in ((2000, 1000), (400, 300), (400, 400))] == [
         0,
@@ -112,8 +112,6 @@ def test_sizes_readout_and_field_of_view_of_a_profile():
         2,
     ]
     assert profile.rate_size(1000, 2000) == 0  # held upright
-    assert profile.find_readout_share(30) == pytest.approx(0.48)
-    assert profile.find_readout_share(100) is None  # longer than the frame: wrong
     lens = gsut.Camera("pinhole", [50.0, 50.0, 50.0, 50.0], 100, 100)
     assert measure_field_of_view(lens) == pytest.approx(90)
 

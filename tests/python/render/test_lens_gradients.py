@@ -9,6 +9,7 @@ from random_scenes import (
     central_differences,
     gaussians_in_view,
     loss_of,
+    open_rule,
     random_pose,
     relative_error,
     small_camera,
@@ -25,13 +26,6 @@ STEP = 1e-5  # of central differences, relative to a parameter's size
 def scene(rng, camera, count=60):
     pose = random_pose(rng)
     return gaussians_in_view(rng, camera, pose, count), pose
-
-
-def smooth_rule():
-    """No cut-offs, which central differences would see: every Gaussian at every pixel."""
-    rule = gsut.BlendRule()
-    rule.alpha_min, rule.response_min, rule.transmittance_min = 1e-12, 0.0, 1e-12
-    return rule
 
 
 def inner_weights(rng, camera):
@@ -55,7 +49,7 @@ def test_lens_gradient_double_equals_central_differences(rng, model):
     weights = inner_weights(rng, camera)
     if model == "cahvore":
         weights[2][:] = 0  # how its rays' starts slide along them is not differentiated
-    rule = smooth_rule()
+    rule = open_rule()
 
     def loss(lens):
         return loss_of(gsut.render(g, lens, pose, blend=rule, dtype="float64"), weights)
@@ -117,7 +111,7 @@ def test_lens_gradient_with_a_rolling_shutter_equals_central_differences(rng):
     camera = small_camera("opencv12", width=24)
     g, pose = scene(rng, camera)
     end = gsut.exp_pose(rng.normal(0, 0.02, 6)) @ pose
-    weights, rule = inner_weights(rng, camera), smooth_rule()
+    weights, rule = inner_weights(rng, camera), open_rule()
 
     def render(lens):
         return gsut.render(

@@ -9,7 +9,7 @@ import tolerances as tol
 from gsut import Gaussians, InputError, render
 from gsut.lens.camera import Camera
 from lens_cases import HARD_LENSES, all_lenses
-from random_scenes import list_models
+from random_scenes import blob, list_models
 
 # Every lens on an image small enough for the reference, by the lens' own scaling.
 PIXELS = 96
@@ -83,13 +83,6 @@ def test_render_any_lens_agrees_with_the_reference(camera, rng, primitive):
 
 def test_seam_gaussian_shows_on_both_edges_and_nowhere_between():
     camera = Camera("equirectangular", [], 256, 128)
-    gaussians = Gaussians(
-        np.array([[0.0, 0.0, -3.0]]),
-        np.array([[1.0, 0, 0, 0]]),
-        np.full((1, 3), np.log(0.05)),
-        np.array([3.0]),
-        np.full((1, 1, 3), 1.0),
-    )
-    alpha = render(gaussians, camera, np.eye(4)).alpha
+    alpha = render(blob((0, 0, -3), 0.05, 0.95), camera, np.eye(4)).alpha
     assert alpha[64, 0] > 0.5 and alpha[64, -1] > 0.5
     assert alpha[:, 10:-10].max() == 0

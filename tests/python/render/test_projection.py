@@ -9,6 +9,7 @@ import gsut
 import tolerances
 from gsut import InputError
 from random_scenes import (
+    blob,
     every_lens,
     fisheye,
     gaussians_in_view,
@@ -113,9 +114,7 @@ def test_project_float_every_lens_and_isa_matches_double(rng, unscented):
 def test_project_sigma_point_outside_the_domain_is_never_averaged_in():
     # The Gaussian's centre has a pixel; one sigma point lies behind the pinhole.
     camera, pose = pinhole(), np.eye(4)
-    g = gsut.Gaussians(
-        [[0, 0, 1.0]], [[1.0, 0, 0, 0]], np.log([[0.1, 0.1, 0.6]]), [2.0], np.zeros((1, 1, 3))
-    )
+    g = blob((0, 0, 1), (0.1, 0.1, 0.6))
     for dtype in ("float32", "float64"):
         found = gsut.project(g, camera, pose, dtype=dtype)
         assert not found.valid[0]
@@ -130,10 +129,7 @@ def test_project_extent_holds_every_pixel_above_the_cutoff():
     # In the small-angle limit the footprint is the ellipse: extent = sqrt(2 ln(255 opacity)) sigma.
     camera = pinhole(64, focal=64.0)
     scale, opacity = 0.02, 0.8
-    g = gsut.Gaussians(
-        [[0.0, 0.0, 2.0]], [[1.0, 0, 0, 0]], np.log([[scale] * 3]),
-        [np.log(opacity / (1 - opacity))], np.zeros((1, 1, 3)),
-    )  # fmt: skip
+    g = blob(scale=scale, opacity=opacity)
     expected = np.sqrt(2 * np.log(255 * opacity)) * scale / 2 * 64
     for dtype in ("float32", "float64"):
         extents = gsut.project(g, camera, np.eye(4), dtype=dtype).extents[0]

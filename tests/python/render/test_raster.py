@@ -10,14 +10,16 @@ import ray_model
 import tolerances
 from gsut import InputError
 from random_scenes import (
+    blob,
     central_differences,
     every_lens,
     fisheye,
     gaussians_in_view,
+    hold_to_differences,
+    joined,
     loss_of,
     open_rule,
     pinhole,
-    pose_differences,
     random_pose,
     random_weights,
     relative_error,
@@ -56,54 +58,22 @@ def test_render_double_every_lens_and_rule_matches_a_second_implementation(rng, 
     assert np.abs(found.depth - depth).max() < tolerances.RENDER_DOUBLE
 
 
-def differences(g, camera, pose, weights, options, field, indices, step=1e-5):
-    """Central differences of the loss to flat entries of one array of the Gaussians."""
-    moved = g.copy()
-    return central_differences(
-        lambda: loss_of(double_render(moved, camera, pose, **options), weights),
-        getattr(moved, field), indices, step,
-    )  # fmt: skip
-
-
-# Entries of each array that differences are taken of: all but those of higher harmonics, of which
-# they are drawn at random.
-ENTRIES = 32
 # So small over their distance that the plane through the camera, behind which nothing is drawn,
 # cuts off less than 1e-16 of any.
 FAR_ENOUGH = {"sizes": (0.02, 0.05), "aspect": 0.3}
 
 
 @pytest.mark.parametrize("degree", range(4))
-def test_render_backward_every_parameter_matches_central_differences(degree):
+def test_render_backward_every_parameter_and_pose_match_central_differences(degree):
     checked = 0
     for lens, camera in LENSES.items():
         rng = rng_of(f"{lens} {degree}")
         g, pose = scene(rng, camera, count=8, sh_degree=degree, **FAR_ENOUGH)
-        weights = random_weights(rng, camera)
-        options = {"blend": open_rule(), "background": BACKGROUND}
-        found = gsut.render_backward(double_render(g, camera, pose, **options), *weights)
-        for field in FIELDS:
-            of_field = getattr(found.gaussians, field).ravel()
-            indices = rng.permutation(of_field.size)[:ENTRIES]
-            slopes = differences(g, camera, pose, weights, options, field, indices)
-            error = relative_error(of_field[indices], slopes)
-            assert error < tolerances.RENDER_DIFFERENCES, (lens, field, error)
-            checked += len(slopes)
-    assert checked == len(LENSES) * (24 + 32 + 24 + 8 + min(ENTRIES, 24 * (degree + 1) ** 2))
-
-
-@pytest.mark.parametrize("lens", LENSES)
-def test_render_backward_pose_matches_central_differences(rng, lens):
-    camera = LENSES[lens]
-    g, pose = scene(rng, camera, count=12, **FAR_ENOUGH)
-    weights = random_weights(rng, camera)
-    options = {"blend": open_rule(), "background": BACKGROUND}
-    found = gsut.render_backward(double_render(g, camera, pose, **options), *weights).pose
-    slopes = pose_differences(
-        lambda near: loss_of(double_render(g, camera, near, **options), weights), pose
-    )
-    assert len(slopes) == 6
-    assert relative_error(found, slopes) < tolerances.RENDER_DIFFERENCES
+        checked += hold_to_differences(
+            g, camera, pose, random_weights(rng, camera), tolerances.RENDER_DIFFERENCES,
+            entries=rng, blend=open_rule(), background=BACKGROUND,
+        )  # fmt: skip
+    assert checked == len(LENSES) * (24 + 32 + 24 + 8 + min(32, 24 * (degree + 1) ** 2))
 
 
 def test_render_backward_with_the_cutoff_differs_from_differences_only_by_its_jumps(rng):
@@ -113,7 +83,10 @@ def test_render_backward_with_the_cutoff_differs_from_differences_only_by_its_ju
     g, pose = scene(rng, camera, count=20, sh_degree=0)
     weights = random_weights(rng, camera)
     found = gsut.render_backward(double_render(g, camera, pose), *weights).gaussians.means
-    slopes = differences(g, camera, pose, weights, {}, "means", range(60), step=1e-4)
+    moved = g.copy()
+    slopes = central_differences(
+        lambda: loss_of(double_render(moved, camera, pose), weights), moved.means, range(60), 1e-4
+    )
     assert 1e-3 < relative_error(slopes, found.ravel()) < 1.0
 
 
@@ -217,18 +190,8 @@ def test_render_weights_sum_to_alpha(rng):
     assert found.sum() == pytest.approx(expected, rel=tolerances.RENDER_SAME_SUMS)
 
 
-def one_gaussian(opacity=0.6, depth=2.0, scale=0.3, color=(1.0, 0.5, 0.25)):
-    return gsut.Gaussians(
-        np.array([[0.0, 0.0, depth]]), [[1.0, 0, 0, 0]], np.log([[scale] * 3]),
-        [np.log(opacity / (1 - opacity))],
-        (np.array([[color]]) - 0.5) * np.sqrt(4 * np.pi),
-    )  # fmt: skip
-
-
-def stacked(*gaussians):
-    return gsut.Gaussians(
-        *(np.concatenate([getattr(g, field) for g in gaussians]) for field in FIELDS)
-    )
+def one_gaussian(depth=2.0, **options):
+    return blob((0, 0, depth), **options)
 
 
 AXIS = gsut.Camera("pinhole", [10.0, 10.0, 0.5, 0.5], 1, 1)  # one pixel, its ray the axis
@@ -283,7 +246,7 @@ class TestOneRay:
     def test_own_rule_blends_the_gaussian_that_crosses_the_stop_and_gsplat_does_not(self, dtype):
         # Transmittance 0.01, then 1e-4 at the second (<=, <) and below it at the third.
         layer = [one_gaussian(opacity=1 - 1e-6, depth=d, color=(1, 1, 1)) for d in (1.0, 2.0, 3.0)]
-        g = stacked(*layer)
+        g = joined(*layer)
         own = gsut.render(g, AXIS, np.eye(4), dtype=dtype).alpha[0, 0]
         gsplat = gsut.render(g, AXIS, np.eye(4), parity="gsplat", dtype=dtype).alpha[0, 0]
         assert own == pytest.approx(1 - 1e-6, abs=1e-4)
@@ -318,7 +281,7 @@ def test_render_reference_value_that_is_not_finite_is_refused_with_its_index():
         for value in (np.nan, np.inf, -np.inf):
             if (field, value) in FINITE_MEANING:
                 continue
-            g = stacked(one_gaussian(), one_gaussian())
+            g = joined(one_gaussian(), one_gaussian())
             getattr(g, field).flat[-1] = value
             with pytest.raises(InputError, match="Gaussian 1 "):
                 double_render(g, AXIS, np.eye(4))

@@ -10,6 +10,7 @@ import tolerances
 from gsut import InputError
 from gsut.render import measure_depth, z_from_distance
 from random_scenes import (
+    blob,
     central_differences,
     fisheye,
     gaussians_in_view,
@@ -121,10 +122,7 @@ def test_gradient_of_normals_equals_central_differences(rng, kind):
 def test_normal_of_a_disc_is_its_axis_towards_the_camera():
     camera, pose = pinhole(16), np.eye(4)
     tilt = np.array([np.cos(0.3), np.sin(0.3), 0, 0], np.float32)
-    g = gsut.Gaussians(
-        np.array([[0, 0, 3]], np.float32), tilt[None], np.log([[1, 1, 1e-3]]).astype(np.float32),
-        np.array([8], np.float32), np.zeros((1, 1, 3), np.float32),
-    )  # fmt: skip
+    g = blob((0, 0, 3), (1, 1, 1e-3), 0.9997, quat=tilt).to_dtype(np.float32)
     surface = gsut.render_surface(gsut.render(g, camera, pose))
     axis = rotations(tilt[None].astype(float))[0, :, 2]
     middle = surface.normals[8, 8] / np.linalg.norm(surface.normals[8, 8])

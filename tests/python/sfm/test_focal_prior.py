@@ -8,12 +8,12 @@ import pytest
 
 import tolerances
 from gsut.lens import convert_camera, with_scaled_focal
-from gsut.sfm.lens.covariance import estimate_lens_covariances
+from gsut.sfm.lens.covariance import estimate_lens_sigmas
 from gsut.sfm.lens.doubt import judge_lens
 from gsut.sfm.lens.prior import find_focal
 from gsut.sfm.mapping import PosesLog
 from gsut.sfm.report.verdict import judge_solution
-from gsut.sfm.solution import FEATURE_VARIANCE, adjust_registered
+from gsut.sfm.solution import adjust_registered
 from made_flight import FREE, LENS, OPTIONS, fly, fly_again
 
 
@@ -61,7 +61,8 @@ def test_focal_prior_far_from_the_images_is_not_used(walk):
     row = run.found.figures["focal_prior"]
     assert not row["agrees"] and not row["used"] and run.solution is walk.solution
     named, _ = judge(walk, fov=25.0)
-    assert "contradicts" in named.log.notes[-1] and "--fov" in named.log.notes[-1]
+    for each, source in ((run, "EXIF"), (named, "--fov")):
+        assert f"px of {source}: these are not used" in each.log.notes[-1]
 
 
 def test_focal_prior_that_images_know_better_changes_nothing(walk):
@@ -79,8 +80,8 @@ def test_focal_sigma_with_errors_that_features_share_covers_the_error():
         flight = fly(np.random.default_rng(seed), relief=0.1, stretch=0.004)
         run, error = judge(flight)
         errors.append(error / run.found.focal_sigma)
-        (known,) = estimate_lens_covariances(flight.solution, FREE, FEATURE_VARIANCE)
-        wider += run.found.focal_sigma > known.sigmas[0] / flight.solution.cameras[0].params[0]
+        (known,) = estimate_lens_sigmas(flight.solution, FREE)
+        wider += run.found.focal_sigma > known[0] / flight.solution.cameras[0].params[0]
     assert len(errors) == 5 and wider > 0
     assert max(map(abs, errors)) < tolerances.FOCAL_SIGMAS
 
@@ -88,8 +89,8 @@ def test_focal_sigma_with_errors_that_features_share_covers_the_error():
 def test_focal_sigma_where_features_leave_no_doubt_counts_what_they_share():
     bent = fly(np.random.default_rng(1), relief=0.3, turn=0.3, stretch=0.004)
     run, error = judge(bent)
-    (known,) = estimate_lens_covariances(bent.solution, FREE, FEATURE_VARIANCE)
-    alone = known.sigmas[0] / bent.solution.cameras[0].params[0]
+    (known,) = estimate_lens_sigmas(bent.solution, FREE)
+    alone = known[0] / bent.solution.cameras[0].params[0]
     assert run.found.focal_sigma > tolerances.FOCAL_SIGMA_SHARED * alone
     assert abs(error) < tolerances.FOCAL_SIGMAS * run.found.focal_sigma
 

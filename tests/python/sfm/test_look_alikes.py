@@ -15,7 +15,7 @@ from gsut.sfm.matches.verification import verify_matches
 from gsut.sfm.photographs import Images
 from gsut.sfm.photographs.options import PosesOptions
 from gsut.sfm.report.verdict import judge_solution
-from gsut.sfm.solution.look_alikes import find_look_alikes, separate_look_alikes
+from gsut.sfm.solution.look_alikes import separate_look_alikes
 from gsut.sfm.solution.solver import solve_poses
 from gsut.sfm.world.comparison import compare_poses
 from synthetic_walk import Synthetic, observe, quiet, shuffled
@@ -57,6 +57,11 @@ def two_visits(rng, same_room):
     return SimpleNamespace(
         names=names, camera=camera, features=features, pairs=pairs, poses=np.array(poses)
     )
+
+
+def find_look_alikes(solution, times=None, near=0):
+    """Finds what speaks for places taken for one, where nothing is mapped again."""
+    return separate_look_alikes(solution, [], None, times, near)[2]
 
 
 def images_of(scene):

@@ -1,4 +1,4 @@
-"""Views that do not connect become models of their own, merged where matches join them."""
+"""Views that do not connect become models of their own."""
 
 import json
 
@@ -6,14 +6,12 @@ import cv2
 import numpy as np
 import pytest
 
-import tolerances
 from gsut.data import load_dataset
 from gsut.sfm.photographs.listing import Photographs
 from gsut.sfm.photographs.options import PosesOptions
 from gsut.sfm.report.output import write_models
-from gsut.sfm.solution.models import find_further_models, merge_models
+from gsut.sfm.solution.models import find_further_models
 from gsut.sfm.solution.solver import solve_poses
-from gsut.sfm.world.comparison import compare_poses
 from synthetic_walk import Synthetic
 
 IMAGES = 12
@@ -61,15 +59,3 @@ def test_the_largest_model_is_the_first(walk):
     assert small.num_registered == 4
     first, (second,) = find_further_models(small, scene.features, apart, OPTIONS)
     assert second is small and first.registered.tolist() == [False] * 4 + [True] * 8
-
-
-def test_models_are_merged_when_matches_join_them(walk):
-    scene, pairs, apart = walk
-    first = solved(scene, apart)
-    _, (second,) = find_further_models(first, scene.features, apart, OPTIONS)
-    assert merge_models(first, second, scene.features, apart, OPTIONS) is None
-    merged = merge_models(first, second, scene.features, pairs, OPTIONS)
-    assert merged.registered.all() and merged.names == first.names
-    errors = compare_poses(merged.camera_from_world, np.array(scene.poses))
-    assert errors.rotation_degrees.max() < tolerances.SFM_SYNTHETIC_DEGREES
-    assert errors.ate_percent < tolerances.SFM_SYNTHETIC_ATE_PERCENT

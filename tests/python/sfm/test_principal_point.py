@@ -9,9 +9,9 @@ import pytest
 import tolerances
 from gsut.lens import Camera
 from gsut.sfm.lens import free_center, judge_lens
-from gsut.sfm.lens.covariance import estimate_lens_covariances
+from gsut.sfm.lens.covariance import estimate_lens_sigmas
 from gsut.sfm.mapping import PosesLog
-from gsut.sfm.solution import CENTER, FEATURE_VARIANCE, Adjustment, adjust_registered
+from gsut.sfm.solution import CENTER, Adjustment, adjust_registered
 from made_flight import FREE, LENS, fly_again
 
 WIDER = 60  # pixels that the picture reaches farther to the right: its middle moves by half of it
@@ -34,8 +34,8 @@ def find_center(run, sigma=Adjustment.center_sigma, flags=CENTER_FREE):
         adjustment=Adjustment(flags, center_sigma=sigma),
     )  # fmt: skip
     error = found.cameras[0].params[list(CENTER)] - LENS.params[list(CENTER)]
-    known = estimate_lens_covariances(found, flags, FEATURE_VARIANCE, center_sigma=sigma)[0]
-    return error, known.sigmas[list(CENTER)]
+    known = estimate_lens_sigmas(found, flags)[0]
+    return error, known[list(CENTER)]
 
 
 def test_center_is_found_where_turns_determine_it():

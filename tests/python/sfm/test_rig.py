@@ -137,7 +137,7 @@ def test_solve_rig_frames_that_do_not_connect_become_a_model_in_the_rigs_unit(rn
         assert turned < tolerances.RIG_DEGREES
     assert mapping.found.rig.figures["frames_registered"] == 6
     mapping = mapping.add_findings({"lens": "known"})
-    assert not [note for note in list_notes(mapping, []) if "without a pose" in note]
+    assert not [note for note in list_notes(mapping) if "without a pose" in note]
 
 
 @pytest.mark.slow

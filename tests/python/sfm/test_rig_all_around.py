@@ -38,7 +38,7 @@ def make_rig():
         about[2, 3] = -0.12
         pose = gsut.exp_pose(rng.uniform(-1, 1, 6) * np.repeat([0.01, 0.03], 3)) @ about
         front = np.linalg.inv(pose) if front is None else front
-        rig[name] = (lens, pose @ front, f"{name}/calib_results.txt")
+        rig[name] = (lens, pose @ front, f"{name}/{name}.lens.json")
     return rig
 
 

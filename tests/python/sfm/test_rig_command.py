@@ -10,7 +10,7 @@ import gsut
 import tolerances
 from box_room import make_rig_of_two, place_right, plan_walk, write_box_rig
 from gsut.cli import main
-from gsut.data.colmap import read_frames, read_images_bin, read_rigs
+from gsut.data.colmap import read_frames, read_images, read_rigs
 from gsut.sfm import compare_datasets, compare_poses
 
 FRAMES, SIZE = 6, 200
@@ -59,7 +59,7 @@ def test_poses_with_a_rig_writes_both_lenses_in_all_forms(demo, poses):
     assert [frame.images for frame in taken] == [
         [(1, 2 * i + 1), (2, 2 * i + 2)] for i in range(FRAMES)
     ]
-    images = read_images_bin(model / "images.bin")
+    images = read_images(model / "images.bin")
     assert {(row.camera_id, row.name.split("/")[0]) for row in images} == {
         (1, "left"), (2, "right")
     }  # fmt: skip

@@ -332,7 +332,7 @@ def test_poses_command_writes_figures_report_and_colmap(some_sponza, solved_spon
     assert len(figures["views"]) == IMAGES
     assert np.array(figures["views"][-1]["covariance"]).shape == (6, 6)
     page = (solved_sponza / "report.html").read_text()
-    assert page.count("data:image/svg+xml") == 5 and "12 of 12 images" in page
+    assert page.count("data:image/svg+xml") == 3 and "12 of 12 images" in page
     assert not (solved_sponza / "stages").exists()
     # The COLMAP model says the same as transforms.json.
     scene = gsut.load_dataset(solved_sponza, test_every=0)

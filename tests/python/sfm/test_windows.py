@@ -6,8 +6,7 @@ import pytest
 import tolerances
 from gsut import _core
 from gsut.sfm.lens import information, prior
-from gsut.sfm.lens.covariance import estimate_lens_covariances
-from gsut.sfm.solution import FEATURE_VARIANCE
+from gsut.sfm.lens.covariance import estimate_lens_sigmas
 from made_flight import FREE, fly
 
 IMAGES, POINTS, SHARED = 5, 30, 3
@@ -70,11 +69,11 @@ def test_information_numbers_that_are_not_there_are_rejected():
 
 @pytest.mark.parametrize(("size", "most"), [(12, tolerances.ONE_WINDOW), (6, 2.0)])
 def test_lens_covariance_by_windows_is_a_little_larger(flight, monkeypatch, size, most):
-    given = (flight.solution, FREE, FEATURE_VARIANCE)
-    whole = estimate_lens_covariances(*given)[0].sigmas
+    given = (flight.solution, FREE)
+    whole = estimate_lens_sigmas(*given)[0]
     monkeypatch.setattr(information, "_MOST_IMAGES", 4)
     monkeypatch.setattr(information, "_WINDOW", size)
-    split = estimate_lens_covariances(*given)[0].sigmas
+    split = estimate_lens_sigmas(*given)[0]
     free = FREE > 0
     assert (split[free] > whole[free] / tolerances.ONE_WINDOW).all()
     assert (split[free] < most * whole[free]).all() and not split[~free].any()

@@ -1,4 +1,4 @@
-"""The number of Gaussians that a run may have, by counts of photographs and pixels."""
+"""The number of Gaussians that a run may have, by the count of photographs."""
 
 import gsut
 from gsut import TrainOptions
@@ -7,43 +7,26 @@ from gsut.training.first import choose_number, complexity
 from random_scenes import arrays_of
 
 
-def valid_pixels(scene):
-    return sum(int(scene.mask(index).sum()) for index in scene.train_indices)
-
-
-def chosen_with(scene, monkeypatch, per_view, pixels_each, **options):
+def chosen_with(scene, monkeypatch, per_view, **options):
     monkeypatch.setattr(complexity, "_PER_VIEW", per_view)
-    monkeypatch.setattr(complexity, "_PIXELS_EACH", pixels_each)
     return choose_number(scene, TrainOptions(**options))
 
 
 def test_number_grows_with_photographs_up_to_the_presets(scene, monkeypatch):
     views = len(scene.train_indices)
-    found, said = chosen_with(scene, monkeypatch, 1000, 1)
+    found, said = chosen_with(scene, monkeypatch, 1000)
     assert found == 1000 * views
     words = f"{views} photographs: at most {1000 * views:,} Gaussians of degree 1, 1,000 each: "
     assert said == [f"{words}more would only memorize them"]
     half = scene.replace(train_indices=scene.train_indices[: views // 2])
-    assert chosen_with(half, monkeypatch, 1000, 1)[0] == 1000 * (views // 2)
-    many, said = chosen_with(scene, monkeypatch, 10**6, 1e-9)
+    assert chosen_with(half, monkeypatch, 1000)[0] == 1000 * (views // 2)
+    many, said = chosen_with(scene, monkeypatch, 10**6)
     assert (many, said) == (200_000, [])
 
 
-def test_number_is_bounded_by_pixels_that_can_be_compared(scene, monkeypatch):
-    pixels = valid_pixels(scene)
-    found, (said,) = chosen_with(scene, monkeypatch, 10**6, 4)
-    assert found == pixels // 4
-    assert f"{pixels // 4:,} Gaussians of degree 1, one for 4 pixels: " in said
-    # Photographs of half the size have a quarter of them.
-    small = scene.scale_images(0.5)
-    found, _ = chosen_with(small, monkeypatch, 10**6, 4)
-    assert found == valid_pixels(small) // 4
-
-
 def test_a_number_that_is_given_stays_and_nothing_is_said(scene, monkeypatch):
-    found, said = chosen_with(scene, monkeypatch, 1, 1, max_gaussians=500, sh_degree=2)
+    found, said = chosen_with(scene, monkeypatch, 1, max_gaussians=500, sh_degree=2)
     assert (found, said) == (500, [])
-    assert chosen_with(scene, monkeypatch, 0, 1)[0] == 1
 
 
 def test_training_takes_the_number_says_so_and_has_the_bits_of_one_that_is_given(

@@ -140,20 +140,6 @@ def test_two_fingers_move_sideways_and_forward(window):
     window.wait("!busy && !wanted")
 
 
-def test_recording_keeps_the_way_of_the_eye(window):
-    keys = window.run("""
-      state.keys = [];
-      $("record").click();
-      for (let k = 0; k < 3; k++) {
-        move(0.1, 0, 0);
-        await new Promise((done) => setTimeout(done, 450));
-      }
-      $("record").click();
-      return state.keys.length;""")
-    assert keys >= 3
-    window.wait("!busy && !wanted")
-
-
 @pytest.mark.parametrize(
     ("least_ms", "whole_ms", "levels"),
     [(5, 20, [5]), (10, 100, [4]), (10, 150, [3, 4]), (30, 900, [0]), (200, 400, [0])],

@@ -14,8 +14,6 @@ from gsut.data.colmap.rigs import pack_rigs
 from gsut.lens import Camera
 from gsut.lens.files import to_colmap
 
-_NO_ERROR = 0.0
-
 
 @dataclasses.dataclass
 class ColmapModel:
@@ -41,7 +39,7 @@ class ColmapModel:
         return any(image.rig is not None for image in self.images)
 
     def get_error(self, point: int) -> float:
-        return _NO_ERROR if self.errors is None else float(self.errors[point])
+        return 0.0 if self.errors is None else float(self.errors[point])
 
     def list_tracks(self) -> list[list[tuple[int, int]]]:
         """Lists, for each point, the images that see it and its index among their pixels."""

@@ -7,11 +7,9 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from gsut.data.colmap.binary import ModelReader
-from gsut.data.colmap.text import read_lines, report_malformed
+from gsut.data.colmap.fields import SENSOR_TYPES, open_records
 
-_CAMERA = "CAMERA"
-_SENSOR_TYPES = {"INVALID": -1, _CAMERA: 0, "IMU": 1}  # as text, as a number in a binary file
+_CAMERA = SENSOR_TYPES["CAMERA"]
 # Fields by the letters of `struct`; i is a sensor's type, a word in text.
 _HEAD = "II"  # rig, count of sensors; or frame, rig
 _SENSOR = "iI"  # type, id
@@ -43,69 +41,24 @@ class FrameRow(NamedTuple):
     where: str = ""
 
 
-class _TextReader:
-    """Steps through the words of a text file's lines as `ModelReader` does through bytes."""
-
-    def __init__(self, path: Path, kind: str) -> None:
-        self.path, self.kind, self.where, self.line = path, kind, "", ""
-        self.words: Iterator[str] = iter(())
-
-    def report_malformed(self) -> Exception:
-        return report_malformed(self.where, self.line, f"a {self.kind} as COLMAP 4 writes it")
-
-    def count_records(self) -> Iterator[int]:
-        for number, line in read_lines(self.path):
-            if line:
-                self.line, self.where = line, f"{self.path}, line {number}"
-                self.words = iter(line.split())
-                yield number
-                if next(self.words, None) is not None:
-                    raise self.report_malformed()
-
-    def take(self, fields: str) -> list:
-        try:
-            return [self._parse(field, next(self.words)) for field in fields]
-        except (ValueError, KeyError, StopIteration):
-            raise self.report_malformed() from None
-
-    @staticmethod
-    def _parse(field: str, word: str) -> float:
-        if field == "i":
-            return _SENSOR_TYPES[word]
-        return float(word) if field == "d" else int(word)
-
-
-class _BinaryReader(ModelReader):
-    @property
-    def where(self) -> str:
-        return f"{self.path}, {self.kind} {self.record}"
-
-    def take(self, fields: str) -> list:
-        return list(self.unpack(struct.Struct(f"<{fields}")))
-
-
-def _open_reader(path: Path, kind: str) -> _TextReader | _BinaryReader:
-    return _TextReader(path, kind) if path.suffix == ".txt" else _BinaryReader(path, kind)
-
-
 def read_rigs(path: Path) -> list[RigRow]:
     """Reads rigs.txt or rigs.bin; sensors that are no cameras are left out.
 
     Raises:
         DatasetError: truncated, or a malformed line.
     """
-    reader, rows = _open_reader(path, "rig"), []
-    for _ in reader.count_records():
-        rig, count = reader.take(_HEAD)
+    records, rows = open_records(path, "rig"), []
+    for where in records:
+        rig, count = records.take(_HEAD)
         cameras: dict[int, Pose | None] = {}
         for number in range(count):
-            kind, sensor = reader.take(_SENSOR)
+            kind, sensor = records.take(_SENSOR)
             pose: Pose | None = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
             if number:
-                pose = reader.take(_POSE) if reader.take(_HAS_POSE)[0] else None
-            if kind == _SENSOR_TYPES[_CAMERA]:
+                pose = records.take(_POSE) if records.take(_HAS_POSE)[0] else None
+            if kind == _CAMERA:
                 cameras[sensor] = pose
-        rows.append(RigRow(rig, cameras, reader.where))
+        rows.append(RigRow(rig, cameras, where))
     return rows
 
 
@@ -115,29 +68,28 @@ def read_frames(path: Path) -> list[FrameRow]:
     Raises:
         DatasetError: truncated, or a malformed line.
     """
-    reader, rows = _open_reader(path, "frame"), []
-    for _ in reader.count_records():
-        frame, rig = reader.take(_HEAD)
-        pose = reader.take(_POSE)
-        data = [reader.take(_DATA) for _ in range(reader.take("I")[0])]
-        images = [(camera, image) for kind, camera, image in data if kind == _SENSOR_TYPES[_CAMERA]]
-        rows.append(FrameRow(frame, rig, pose, images, reader.where))
+    records, rows = open_records(path, "frame"), []
+    for where in records:
+        frame, rig = records.take(_HEAD)
+        pose = records.take(_POSE)
+        data = [records.take(_DATA) for _ in range(records.take("I")[0])]
+        images = [(camera, image) for kind, camera, image in data if kind == _CAMERA]
+        rows.append(FrameRow(frame, rig, pose, images, where))
     return rows
 
 
 def _list_fields(row: RigRow | FrameRow) -> Iterator[tuple[str, Sequence]]:
     """Lists a record's fields: letters as `take` has them, and their values."""
-    camera = _SENSOR_TYPES[_CAMERA]
     if isinstance(row, FrameRow):
         yield _HEAD, (row.frame_id, row.rig_id)
         yield _POSE, row.rig_from_world
         yield "I", (len(row.images),)
         for sensor, image in row.images:
-            yield _DATA, (camera, sensor, image)
+            yield _DATA, (_CAMERA, sensor, image)
         return
     yield _HEAD, (row.rig_id, len(row.cameras))
     for number, (sensor, pose) in enumerate(row.cameras.items()):
-        yield _SENSOR, (camera, sensor)
+        yield _SENSOR, (_CAMERA, sensor)
         if number:
             yield _HAS_POSE, (int(pose is not None),)
             if pose is not None:

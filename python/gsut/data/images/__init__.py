@@ -20,27 +20,3 @@ from gsut.data.images.fixed_pixels import (
 )
 from gsut.data.images.lookup import PictureLookup, describe_pictures, normalize_name
 from gsut.data.images.masks import find_common_mask, find_mask, make_lens_mask, read_mask
-
-__all__ = [
-    "COMPARED_SIDE",
-    "FEWEST_COMPARED",
-    "IMAGE_SUFFIXES",
-    "PictureLookup",
-    "choose_compared",
-    "decode_image",
-    "decode_mask",
-    "decode_scaled",
-    "describe_fixed_pixels",
-    "describe_pictures",
-    "find_common_mask",
-    "find_fixed_pixels",
-    "find_largest_value",
-    "find_mask",
-    "make_lens_mask",
-    "normalize_name",
-    "read_header",
-    "read_mask",
-    "shrink_both",
-    "shrink_image",
-    "shrink_mask",
-]

@@ -14,7 +14,6 @@ from gsut.files import ENDINGS, split_numbers
 # Start of a path of another machine, of which the last parts alone can be found here.
 _ABSOLUTE = re.compile(r"[a-z]:/|/")
 _MOST_LETTERS = 4096  # of a path, on the systems that take the longest
-_NAMED = 2  # pairs of names in a note: enough to see how they differ
 
 
 def normalize_name(name: str) -> str:
@@ -71,10 +70,10 @@ class PictureLookup:
         """Describes in a note how pictures are called otherwise than a file says."""
         if not self.differing:
             return []
-        pairs = [f"{name} is {found}" for name, found in self.differing.items()][:_NAMED]
+        pairs = [f"{name} is {found}" for name, found in self.differing.items()]
         return [
             f"{source}: {len(self.differing)} pictures have other names than it says, in capitals, "
-            f"slashes, letters or endings: {', '.join(pairs)} ..."
+            f"slashes, letters or endings: {list_some(pairs)}"
         ]
 
 

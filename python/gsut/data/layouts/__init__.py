@@ -9,17 +9,3 @@ from gsut.data.layouts._layout import (
 )
 from gsut.data.layouts.description import KEYS, describe_recording, replace_parts
 from gsut.data.layouts.folder import find_images, find_lens_file, find_lens_files
-
-__all__ = [
-    "KEYS",
-    "Layout",
-    "describe_recording",
-    "find_foreign_files",
-    "find_images",
-    "find_layout",
-    "find_lens_file",
-    "find_lens_files",
-    "list_layouts",
-    "replace_parts",
-    "require_pictures",
-]

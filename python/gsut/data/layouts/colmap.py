@@ -7,7 +7,6 @@ quaternions w, x, y, z; the centre of the first pixel is (0.5, 0.5).
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -16,15 +15,12 @@ from gsut._core import InputError
 from gsut.data.colmap import (
     ColmapImage,
     ColmapModel,
-    Pose,
     RigPlace,
     hold_rigs,
     pack_model,
     read_frames,
-    read_images_bin,
-    read_images_txt,
-    read_points_bin,
-    read_points_txt,
+    read_images,
+    read_points,
     read_rigs,
 )
 from gsut.data.errors import DatasetError, OnError, list_some, raise_error
@@ -39,15 +35,7 @@ from gsut.lens import Camera
 from gsut.lens.files import camera_from_colmap, list_binary_cameras, list_text_cameras
 
 MODEL_FOLDERS = ("sparse/0", "sparse", ".")
-# Difference of a pose in images from that of the rig above which they are two poses.
-_SAME_POSE = 1e-6
 IMAGE_FOLDERS = ("images", "images_2", "images_4", "images_8", ".")
-
-
-# Readers of points3D by its ending; .ply is what other programs leave there.
-_POINT_READERS: dict[str, Callable[[Path], tuple[np.ndarray, np.ndarray]]] = {
-    ".bin": read_points_bin, ".txt": read_points_txt, ".ply": load_points_ply,
-}  # fmt: skip
 
 
 def find_model(path: Path) -> Path | None:
@@ -78,10 +66,9 @@ def read_colmap(path: Path, *, on_error: OnError = raise_error) -> Listing:
         )
     suffix = ".bin" if (model / "images.bin").is_file() else ".txt"
     source = model / f"images{suffix}"
-    image_rows = read_images_bin(source) if suffix == ".bin" else read_images_txt(source)
+    image_rows = read_images(source)
     cameras, unusable = _read_cameras(model / f"cameras{suffix}", on_error)
     places = _read_rig_places(model, suffix, on_error)
-    moved: list[str] = []
     folder = _find_image_folder(path, model, [row.name for row in image_rows])
     listing, pictures = Listing(path, source), PictureLookup(folder)
     for row in image_rows:
@@ -102,30 +89,19 @@ def read_colmap(path: Path, *, on_error: OnError = raise_error) -> Listing:
             pose = pose_from_quaternion(
                 row.quat_wxyz, row.translation, f"{row.where}, image {row.name}"
             )
-            place, on_rig = places.get(row.image_id, (None, None))
-            if on_rig is not None and not np.allclose(
-                on_rig, pose, rtol=_SAME_POSE, atol=_SAME_POSE
-            ):
-                pose = on_rig
-                moved.append(name)
             mask = find_mask(folder.parent / "masks", name)
-            lens = cameras[row.camera_id]
+            lens, place = cameras[row.camera_id], places.get(row.image_id)
             listing.frames.append(
                 Frame(name, image_path, lens, invert_pose(pose), mask_path=mask, rig=place)
             )
         except InputError as error:
             on_error(error)
     try:
-        listing.points, listing.point_colors = read_points(model)
+        listing.points, listing.point_colors = read_model_points(model)
         listing.points_source = _find_points_file(model)
     except InputError as error:
         on_error(error)
     listing.notes += pictures.describe_differing(source)
-    if moved:
-        listing.notes.append(
-            f"{model / f'frames{suffix}'}: {len(moved)} images have another pose here than in "
-            f"images{suffix}; this one is taken, as COLMAP 4 does: {list_some(moved)}"
-        )
     if folder.name != "images" and listing.frames:
         listing.notes.append(f"{folder}: images are read from here")
     other = _list_other_models(path, model)
@@ -163,18 +139,16 @@ def _read_cameras(file: Path, on_error: OnError) -> tuple[dict[int, Camera], set
     return cameras, unusable
 
 
-def _read_rig_places(
-    model: Path, suffix: str, on_error: OnError
-) -> dict[int, tuple[RigPlace, np.ndarray]]:
-    """Reads where each image was taken on a rig of several cameras, and its camera_from_world.
+def _read_rig_places(model: Path, suffix: str, on_error: OnError) -> dict[int, RigPlace]:
+    """Reads where each image was taken on a rig of several cameras.
 
     Args:
         model: folder of the model; those of COLMAP 3 have no rigs.
         suffix: of its files.
-        on_error: receives an error of the rigs, without which images keep their poses.
+        on_error: receives an error of the rigs.
     """
     files = [model / f"{stem}{suffix}" for stem in ("rigs", "frames")]
-    found: dict[int, tuple[RigPlace, np.ndarray]] = {}
+    found: dict[int, RigPlace] = {}
     if not all(file.is_file() for file in files):
         return found
     try:
@@ -188,19 +162,13 @@ def _read_rig_places(
                 )  # fmt: skip
             if len(rig.cameras) < 2:
                 continue
-            rig_from_world = _parse_pose(frame.rig_from_world, frame.where)
             for camera, image in frame.images:
-                mount = rig.cameras.get(camera)
-                if mount is not None:
-                    place = RigPlace(rig.rig_id, list(rig.cameras).index(camera), frame.frame_id)
-                    found[image] = place, _parse_pose(mount, rig.where) @ rig_from_world
+                if rig.cameras.get(camera) is not None:
+                    place = list(rig.cameras).index(camera)
+                    found[image] = RigPlace(rig.rig_id, place, frame.frame_id)
     except InputError as error:
         on_error(error)
     return found
-
-
-def _parse_pose(pose: Pose, where: str) -> np.ndarray:
-    return pose_from_quaternion(list(pose[:4]), list(pose[4:]), where)
 
 
 def _name_below(folder: Path, path: Path, name: str) -> str:
@@ -209,16 +177,17 @@ def _name_below(folder: Path, path: Path, name: str) -> str:
 
 
 def _find_points_file(model: Path) -> Path | None:
-    files = (model / f"points3D{suffix}" for suffix in _POINT_READERS)
+    # A PLY is what other programs leave there.
+    files = (model / f"points3D{suffix}" for suffix in (".bin", ".txt", ".ply"))
     return next((file for file in files if file.is_file()), None)
 
 
-def read_points(model: Path) -> tuple[np.ndarray, np.ndarray]:
+def read_model_points(model: Path) -> tuple[np.ndarray, np.ndarray]:
     """Reads points3D of a model: (N, 3) float64 and (N, 3) uint8; empty without a file."""
     file = _find_points_file(model)
     if file is None:
         return np.zeros((0, 3)), np.zeros((0, 3), np.uint8)
-    return _POINT_READERS[file.suffix](file)
+    return load_points_ply(file) if file.suffix == ".ply" else read_points(file)
 
 
 def _find_image_folder(path: Path, model: Path, names: list[str]) -> Path:

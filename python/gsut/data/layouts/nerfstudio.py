@@ -19,7 +19,7 @@ from gsut.data.errors import DatasetError, OnError, list_some, raise_error
 from gsut.data.export import POINTS, Export, place_images
 from gsut.data.images import PictureLookup, read_header
 from gsut.data.layouts._layout import Layout
-from gsut.data.layouts.colmap import find_model, read_points
+from gsut.data.layouts.colmap import find_model, read_model_points
 from gsut.data.listing import Frame, Listing
 from gsut.data.poses import NANOSECONDS, OPENGL_FROM_OPENCV, average_poses, check_rigid
 from gsut.data.scene import MILLIMETRE, DepthForm
@@ -272,7 +272,7 @@ def _read_points(values: dict, listing: Listing) -> None:
     model = find_model(listing.path / "colmap")
     if model is None or "applied_transform" not in values:
         return
-    points, colors = read_points(model)
+    points, colors = read_model_points(model)
     try:
         transform = np.array(values["applied_transform"], np.float64).reshape(-1, 4)[:3]
         points = points @ transform[:, :3].T + transform[:, 3]

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -75,28 +75,29 @@ class _Camera:
             self.problem = self.problem or error
 
 
-class FrameTree:
-    """Coordinate frames that do not move against each other (/tf_static)."""
+def find_transform(
+    parents: Mapping[str, tuple[str, np.ndarray]], target: str, source: str
+) -> np.ndarray | None:
+    """Finds target_from_source (4, 4) between frames that do not move against each other.
 
-    def __init__(self) -> None:
-        self._parents: dict[str, tuple[str, np.ndarray]] = {}
+    Args:
+        parents: of /tf_static: of each frame the one above it, and the transform to that.
+        target, source: names of frames.
 
-    def add(self, parent: str, child: str, parent_from_child: np.ndarray) -> None:
-        self._parents[child] = parent, parent_from_child
+    Returns:
+        None if the two are not connected.
+    """
 
-    def _list_above(self, frame: str) -> dict[str, np.ndarray]:
-        """Returns the transforms from a frame to itself and to each frame above it."""
+    def list_above(frame: str) -> dict[str, np.ndarray]:
         found, pose = {frame: np.eye(4)}, np.eye(4)
-        while frame in self._parents and self._parents[frame][0] not in found:
-            frame, step = self._parents[frame]
+        while frame in parents and parents[frame][0] not in found:
+            frame, step = parents[frame]
             found[frame] = pose = step @ pose
         return found
 
-    def find_transform(self, target: str, source: str) -> np.ndarray | None:
-        """Returns target_from_source (4, 4); None if the two are not connected."""
-        above, below = self._list_above(target), self._list_above(source)
-        shared = next((frame for frame in below if frame in above), None)
-        return None if shared is None else invert_pose(above[shared]) @ below[shared]
+    above, below = list_above(target), list_above(source)
+    shared = next((frame for frame in below if frame in above), None)
+    return None if shared is None else invert_pose(above[shared]) @ below[shared]
 
 
 def is_bag(path: Path) -> bool:
@@ -110,7 +111,7 @@ def is_bag(path: Path) -> bool:
 
 def unpack(
     bag: Path, folder: Path, *, poses_topic: str | None = None, cameras: Sequence[str] = (),
-    poses_of: str | None = None, progress: bool = False,
+    progress: bool = False,
 ) -> Recording:  # fmt: skip
     """Writes a bag's pictures and trajectory to a folder.
 
@@ -119,13 +120,13 @@ def unpack(
         folder: to write to.
         poses_topic: of the poses, where several are there; None: the only one, if any; "": none.
         cameras: names to use, such as "cam0" of /cam0/image_raw; empty: all.
-        poses_of: a frame of /tf_static whose poses a trajectory in a file holds, or None.
         progress: show a bar.
 
     Raises:
         InputError: the package rosbags is missing, the bag is damaged, or topics are missing.
     """
-    tree, poses, parent, child = FrameTree(), dict[int, np.ndarray](), "", ""
+    parents, poses = dict[str, tuple[str, np.ndarray]](), dict[int, np.ndarray]()
+    parent = child = ""
     with _open(bag) as reader:
         types = {c.topic: c.msgtype for c in reader.connections}
         found = find_cameras(types, bag, cameras)
@@ -141,7 +142,8 @@ def unpack(
             message = reader.deserialize(raw, connection.msgtype)
             if name == "/tf_static":
                 for each in message.transforms:
-                    tree.add(*_read_frames(each), _read_pose(each, where))
+                    above, frame = _read_frames(each)
+                    parents[frame] = above, _read_pose(each, where)
             elif name in wanted:
                 _add_picture(wanted[name], message, _read_time(message, received), folder)
             elif name in infos:
@@ -150,9 +152,7 @@ def unpack(
                 poses[_read_time(message, received)] = _read_pose(message, where)
                 parent, child = _read_frames(message)
         bars.close()
-    if poses_of not in (None, BODY, OWN, *(camera.name for camera in found)):
-        child = str(poses_of)
-    recording = _make_recording(bag, folder, found, tree, child)
+    recording = _make_recording(bag, folder, found, parents, child)
     if poses:
         recording.poses = folder / "trajectory.txt"
         stamps = [format_seconds(time) for time in poses]
@@ -293,15 +293,16 @@ def _read_pose(message: Any, where: str) -> np.ndarray:
 
 
 def _make_recording(
-    bag: Path, folder: Path, cameras: list[_Camera], tree: FrameTree, child: str
-) -> Recording:
+    bag: Path, folder: Path, cameras: list[_Camera],
+    parents: Mapping[str, tuple[str, np.ndarray]], child: str,
+) -> Recording:  # fmt: skip
     def make_mount(camera: _Camera) -> Mount:
         where = f"{bag}, {camera.topic}"
         if camera.problem is not None:
             raise camera.problem
         if camera.lens is None:
             raise DatasetError(where, "there is no camera_info of it", "give its lens with --lens")
-        place = tree.find_transform(camera.frame, child) if child and camera.frame else None
+        place = find_transform(parents, camera.frame, child) if child and camera.frame else None
         missing = f"/tf_static has no transform to '{camera.frame}' from '{child}', of the poses"
         return Mount(camera.lens, f"{where}: {missing}", place)
 
@@ -309,7 +310,7 @@ def _make_recording(
     return Recording(
         folder, [Stream(c.name, c.images, c.times) for c in cameras],
         lambda names: {name: make_mount(known[name]) for name in names},
-        poses_of=OWN if all(c.frame == child != "" for c in cameras) else BODY,
+        poses_of=OWN if all(c.frame == child for c in cameras) else BODY if child else None,
         image_times="ns", pose_times="s",
     )  # fmt: skip
 

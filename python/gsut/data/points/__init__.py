@@ -8,14 +8,3 @@ from gsut.data.points.ply import (
     load_points,
     load_points_ply,
 )
-
-__all__ = [
-    "NO_COLOR",
-    "UNCOLORED",
-    "color_points",
-    "find_usable_points",
-    "format_points_ply",
-    "has_colors",
-    "load_points",
-    "load_points_ply",
-]

@@ -20,26 +20,3 @@ from gsut.data.poses.transforms import (
     invert_pose,
     pose_from_quaternion,
 )
-
-__all__ = [
-    "NANOSECONDS",
-    "OPENGL_FROM_OPENCV",
-    "UNITS",
-    "Trajectory",
-    "average_poses",
-    "check_rigid",
-    "find_centers",
-    "format_range",
-    "format_seconds",
-    "format_tum",
-    "guess_unit",
-    "interpolate_between",
-    "invert_pose",
-    "is_time",
-    "pose_from_quaternion",
-    "read_path",
-    "read_path_lens",
-    "read_path_turns",
-    "read_trajectory",
-    "to_nanoseconds",
-]

@@ -2,12 +2,3 @@
 
 from gsut.data.recordings.pairing import pair_recording
 from gsut.data.recordings.recording import MASK, Recording, Stream, find_stream, list_pictures
-
-__all__ = [
-    "MASK",
-    "Recording",
-    "Stream",
-    "find_stream",
-    "list_pictures",
-    "pair_recording",
-]

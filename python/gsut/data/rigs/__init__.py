@@ -10,18 +10,3 @@ from gsut.data.rigs.mounts import (
     read_mounts,
 )
 from gsut.data.rigs.rig import LineReading, Rig, measure_changes, read_rig, write_rig
-
-__all__ = [
-    "BODY",
-    "OWN",
-    "LineReading",
-    "Mount",
-    "Rig",
-    "find_body_from_camera",
-    "is_rig_file",
-    "measure_changes",
-    "parse_matrix",
-    "read_mounts",
-    "read_rig",
-    "write_rig",
-]

@@ -14,33 +14,3 @@ from gsut.data.scene.shutter import order_frames, split_last_number, with_shutte
 from gsut.data.scene.split import TEST_EVERY, choose_inner_views, hold_out_views, split_views
 from gsut.data.scene.training_views import Level, TrainingViews
 from gsut.data.scene.upright import count_lens_turns, find_up, find_upright_poses
-
-__all__ = [
-    "DISTANCES",
-    "MILLIMETRE",
-    "TEST_EVERY",
-    "DepthForm",
-    "Level",
-    "Scene",
-    "TrainingViews",
-    "View",
-    "capture_state",
-    "choose_inner_views",
-    "count_lens_turns",
-    "describe_changes",
-    "digest_scene",
-    "find_bad_depths",
-    "find_line_times",
-    "find_up",
-    "find_upright_poses",
-    "find_visible_points",
-    "hold_out_views",
-    "interpolate_poses",
-    "keep_at_most",
-    "order_frames",
-    "project_points",
-    "read_depth",
-    "split_last_number",
-    "split_views",
-    "with_shutter",
-]

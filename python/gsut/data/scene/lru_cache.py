@@ -1,4 +1,4 @@
-"""Decoded pictures that are kept, up to a number of bytes."""
+"""What is made of pictures and kept, up to a number of bytes."""
 
 from __future__ import annotations
 
@@ -6,9 +6,14 @@ import collections
 import threading
 from collections.abc import Callable
 
+import numpy as np
+
 
 class LruCache:
-    """Arrays by key, oldest dropped beyond a number of bytes; safe to use from many threads."""
+    """Tuples of arrays by key, the least recently used dropped beyond a number of bytes.
+
+    Safe to use from many threads.
+    """
 
     def __init__(self, limit_bytes: float) -> None:
         self.limit_bytes = limit_bytes
@@ -16,14 +21,17 @@ class LruCache:
         self._bytes = 0
         self._lock = threading.Lock()
 
+    def __contains__(self, key: object) -> bool:
+        return key in self._items
+
     def get(self, key: object, make: Callable[[], tuple]) -> tuple:
         with self._lock:
             if key in self._items:
                 self._items.move_to_end(key)
                 return self._items[key]
-        value = make()  # outside the lock: two threads may decode the same image, with equal result
+        value = make()  # outside the lock: two threads may make the same, with equal result
         for array in value:
-            if array is not None:
+            if isinstance(array, np.ndarray):
                 array.setflags(write=False)
         with self._lock:
             if key not in self._items:
@@ -43,5 +51,5 @@ class LruCache:
             self._bytes -= _count_bytes(self._items.popitem(last=False)[1])
 
 
-def _count_bytes(arrays: tuple) -> int:
+def _count_bytes(arrays: tuple) -> int:  # of anything that has nbytes
     return sum(array.nbytes for array in arrays if array is not None)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import collections
 import concurrent.futures
 from collections.abc import Sequence
 from typing import Any
@@ -10,13 +9,14 @@ from typing import Any
 import numpy as np
 
 from gsut import _core
-from gsut.data.scene.scene import Scene, keep_at_most
+from gsut.data.scene.lru_cache import LruCache
+from gsut.data.scene.scene import IMAGE_CACHE_BYTES, Scene, keep_at_most
 from gsut.lens import Camera
 
 # Coarse levels with a shorter side below this many pixels are left out: nothing to learn there.
 _SMALLEST_SIDE = 64
 # Targets kept decoded with their statistics; beyond it the least recently used are made again.
-_TARGET_CACHE_BYTES = 2 << 30
+_TARGET_CACHE_BYTES = 2 * IMAGE_CACHE_BYTES
 _PIXELS_PART = 8  # of the bytes to keep, for decoded pixels that are not ready for the loss
 
 
@@ -29,26 +29,15 @@ class Level:
 
     def __init__(self, scene: Scene, keep_bytes: int = _TARGET_CACHE_BYTES) -> None:
         self.scene = scene
-        self._keep_bytes = keep_bytes
-        self._targets: collections.OrderedDict[int, _core.PhotometricTarget] = (
-            collections.OrderedDict()
-        )
-        self._bytes = 0
+        self._targets = LruCache(keep_bytes)
         self._buffers: dict[tuple[int, int], tuple[np.ndarray, np.ndarray]] = {}
         self._coming: dict[int, concurrent.futures.Future[_core.PhotometricTarget]] = {}
 
     def get_target(self, view: int) -> _core.PhotometricTarget:
         """Returns the view's photograph and mask with what the loss precomputes of them."""
-        if view in self._targets:
-            self._targets.move_to_end(view)
-            return self._targets[view]
         coming = self._coming.pop(view, None)
-        target = self._make_target(view) if coming is None else coming.result()
-        self._targets[view] = target
-        self._bytes += target.nbytes
-        while self._bytes > self._keep_bytes and len(self._targets) > 1:
-            self._bytes -= self._targets.popitem(last=False)[1].nbytes
-        return target
+        make = coming.result if coming is not None else lambda: self._make_target(view)
+        return self._targets.get(view, lambda: (make(),))[0]
 
     def prepare(self, view: int, worker: concurrent.futures.Executor) -> None:
         """Starts making the target of a view on another thread, for the next step."""

@@ -11,21 +11,3 @@ from gsut.judge.checks.poses import (
     judge_poses,
 )
 from gsut.judge.checks.training import TRAINING_CHECKS, judge_training
-
-__all__ = [
-    "FEW_AGREE",
-    "FOCAL_LIMIT",
-    "PICTURE_CHECKS",
-    "POSES_CHECKS",
-    "TRAINING_CHECKS",
-    "Check",
-    "PictureQuality",
-    "PosesQuality",
-    "combine_verdicts",
-    "find_faults",
-    "has_bent",
-    "judge",
-    "judge_pictures",
-    "judge_poses",
-    "judge_training",
-]

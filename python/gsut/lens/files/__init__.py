@@ -12,23 +12,3 @@ from gsut.lens.files.nerfstudio import (
     merge_frame_lens,
 )
 from gsut.lens.files.own import OWN_SUFFIX, camera_from_values, values_from_camera
-
-__all__ = [
-    "LENS_FILE",
-    "OWN_SUFFIX",
-    "camera_from_colmap",
-    "camera_from_info",
-    "camera_from_nerfstudio",
-    "camera_from_values",
-    "format_nerfstudio",
-    "info_from_camera",
-    "is_camchain",
-    "list_binary_cameras",
-    "list_suffixes",
-    "list_text_cameras",
-    "load_camera",
-    "merge_frame_lens",
-    "save_camera",
-    "to_colmap",
-    "values_from_camera",
-]

@@ -11,6 +11,9 @@ from gsut._core import CalibrationError, InputError
 from gsut.lens.camera import Camera, camera_models
 from gsut.lens.plausible import name_params
 
+# Pixels to add where the first pixel's centre is (0, 0): gsut's is (0.5, 0.5).
+FROM_ZERO = 0.5
+
 
 class LensValues:
     """The keys of one lens in a parsed file.

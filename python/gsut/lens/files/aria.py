@@ -5,9 +5,8 @@ from __future__ import annotations
 from gsut._core import CalibrationError
 from gsut.lens.camera import Camera
 from gsut.lens.files._format import KEYED, LensFile, LensFormat
-from gsut.lens.files._values import LensValues, choose_name, skip_to
+from gsut.lens.files._values import FROM_ZERO, LensValues, choose_name, skip_to
 
-_PIXEL_SHIFT = 0.5  # pixels: Aria's pixel (0, 0) is gsut's (0.5, 0.5)
 # gsut's lens, the number of parameters, and how many of them are focal lengths.
 _MODELS = {
     "FISHEYE624": ("fisheye624", 15, 1),
@@ -43,7 +42,7 @@ def read_aria(file: LensFile, camera_id: int | str | None) -> Camera:
     lens, count, num_focal = _MODELS[name]
     numbers = reader.read_numbers(reader.require("params"), count)
     focal, (cx, cy), rest = numbers[:num_focal], numbers[num_focal : num_focal + 2], numbers
-    params = [focal[0], focal[-1], cx + _PIXEL_SHIFT, cy + _PIXEL_SHIFT, *rest[num_focal + 2 :]]
+    params = [focal[0], focal[-1], cx + FROM_ZERO, cy + FROM_ZERO, *rest[num_focal + 2 :]]
     size = reader.read_size(reader.require("size"))
     limit = reader.read_number("max_solid_angle") if "max_solid_angle" in entry else None
     return reader.make_camera(lens, params, *size, limit, "params")

@@ -8,9 +8,8 @@ from typing import Any
 from gsut._core import CalibrationError
 from gsut.lens.camera import Camera
 from gsut.lens.files._format import KEYED, LensFile, LensFormat
-from gsut.lens.files._values import LensValues, choose_name, refuse_lens, skip_to
+from gsut.lens.files._values import FROM_ZERO, LensValues, choose_name, refuse_lens, skip_to
 
-_PIXEL_SHIFT = 0.5  # pixels: Kalibr's pixel (0, 0) is gsut's (0.5, 0.5)
 _CAMERA_NAME = re.compile(r"cam\d+$")
 # gsut's lens and the number of coefficients of each camera_model and distortion_model, by the names
 # of Kalibr and of EuRoC.
@@ -72,7 +71,7 @@ def camera_from_kalibr(reader: LensValues) -> Camera:
     coefficients = reader.read_numbers(given, count) if count else []
     if lens == "mei":
         own, coefficients = [0.0, *own], coefficients or [0.0] * 4  # no skew
-    params = [fx, fy, cx + _PIXEL_SHIFT, cy + _PIXEL_SHIFT, *own, *coefficients]
+    params = [fx, fy, cx + FROM_ZERO, cy + FROM_ZERO, *own, *coefficients]
     keys = [*(len(params) - len(coefficients)) * ["intrinsics"], *len(coefficients) * [given]]
     return reader.make_camera(lens, params, *size, keys=keys)
 
@@ -107,7 +106,7 @@ def to_kalibr(camera: Camera) -> dict[str, str]:
         model, distortion, own, coefficients = "omni", "radtan", [rest[1]], rest[2:]
     elif camera.model != "pinhole":
         raise refuse_lens("Kalibr", camera)
-    intrinsics = [*own, fx, fy, cx - _PIXEL_SHIFT, cy - _PIXEL_SHIFT]
+    intrinsics = [*own, fx, fy, cx - FROM_ZERO, cy - FROM_ZERO]
     return {
         "camera_model": model,
         "intrinsics": _format_list(intrinsics),

@@ -9,9 +9,9 @@ from typing import Any
 
 from gsut.lens.camera import Camera
 from gsut.lens.files._format import KEYED, LensFile, LensFormat
-from gsut.lens.files._values import LensValues
+from gsut.lens.files._values import FROM_ZERO, LensValues
 
-_PIXEL_SHIFT = -0.5  # pixels: MATLAB's pixel (1, 1) is gsut's (0.5, 0.5)
+_PIXEL_SHIFT = FROM_ZERO - 1  # pixels: MATLAB's pixel (1, 1) is gsut's (0.5, 0.5)
 
 
 def is_matlab(file: LensFile) -> bool:

@@ -7,9 +7,8 @@ import numpy as np
 from gsut._core import CalibrationError
 from gsut.lens.camera import Camera
 from gsut.lens.files._format import LensFile, LensFormat
-from gsut.lens.files._values import LensValues
+from gsut.lens.files._values import FROM_ZERO, LensValues
 
-_PIXEL_SHIFT = 0.5  # pixels: OCamCalib's pixel (0, 0) is gsut's (0.5, 0.5)
 _BLOCKS = ("polynomial", "inverse polynomial", "center", "affine parameters", "image size")
 _LENGTHS = {"center": 2, "affine parameters": 3, "image size": 2}
 _FIRST = 5  # index of a0 in gsut's parameters; a2 follows
@@ -60,7 +59,7 @@ def read_ocam(file: LensFile, camera_id: int | str | None) -> Camera:
         )
     # (row, column) = [[c, d], [e, 1]] (x down, y right): gsut has (column, row) and the 1 first.
     c, d, e = affine
-    params = [center[1] + _PIXEL_SHIFT, center[0] + _PIXEL_SHIFT, 1 / c, e / c, d / c]
+    params = [center[1] + FROM_ZERO, center[0] + FROM_ZERO, 1 / c, e / c, d / c]
     params += [-value * c ** (1 - k) for k, value in enumerate(poly) if k != 1]
     sizes = LensValues({"height": size[0], "width": size[1]}, source, text)
     shape = sizes.read_pixels("width"), sizes.read_pixels("height")

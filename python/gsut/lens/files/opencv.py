@@ -6,9 +6,8 @@ import numpy as np
 
 from gsut.lens.camera import Camera
 from gsut.lens.files._format import KEYED, LensFile, LensFormat, is_opencv_xml
-from gsut.lens.files._values import LensValues, refuse_lens
+from gsut.lens.files._values import FROM_ZERO, LensValues, refuse_lens
 
-_PIXEL_SHIFT = 0.5  # pixels: OpenCV's pixel (0, 0) is gsut's (0.5, 0.5)
 _MATRIX_KEYS = ("camera_matrix", "K", "cameraMatrix", "intrinsic_matrix", "M1")
 _OPEN3D_KEY = "intrinsic_matrix"  # Open3D's PinholeCameraIntrinsic stores it by columns
 _DISTORTION_KEYS = ("distortion_coefficients", "D", "distCoeffs", "dist_coeffs", "D1")
@@ -16,12 +15,11 @@ _FISHEYE_FLAGS = ("fisheye", "fisheye_model")
 _MODEL_KEYS = ("distortion_model", "camera_model", "model")
 _FISHEYE_NAMES = ("equidistant", "fisheye", "equi", "kannala_brandt", "opencv_fisheye")
 _RADIAL_NAMES = ("plumb_bob", "radtan", "rational_polynomial", "brown_conrady", "opencv", "pinhole")
-_AMBIGUOUS = 4  # coefficients: k1 k2 p1 p2, or a fisheye's k1 to k4
 _RADIAL_LENSES = {4: "opencv4", 5: "opencv5", 8: "opencv8", 12: "opencv12", 14: "opencv14"}
-_NUM_FISHEYE = 4
+# Coefficients of a fisheye (k1 to k4), of omnidir and of the shortest radial lens (k1 k2 p1 p2).
+_FOUR = 4
 # Its presence makes the lens one of the module omnidir: xi, skew, k1 k2 p1 p2.
 _XI_KEYS = ("xi",)
-_NUM_OMNIDIR = 4
 # Written beside OpenCV's own keys; OpenCV ignores it.
 _FIELD_ANGLE_KEY = "valid_field_angle"
 
@@ -44,7 +42,7 @@ def read_opencv(file: LensFile, camera_id: int | str | None) -> Camera:
     is_omnidir = reader.find(*_XI_KEYS) is not None
     if (matrix[1] != 0.0 and not is_omnidir) or matrix[3:4] + matrix[6:] != [0.0, 0.0, 0.0, 1.0]:
         reader.fail(matrix_key, f"expected fx 0 cx, 0 fy cy, 0 0 1 (no skew), found {matrix}")
-    params = [matrix[0], matrix[4], matrix[2] + _PIXEL_SHIFT, matrix[5] + _PIXEL_SHIFT]
+    params = [matrix[0], matrix[4], matrix[2] + FROM_ZERO, matrix[5] + FROM_ZERO]
     width, height = _read_size(reader)
     _refuse_part(reader)
     limit = reader.read_number(_FIELD_ANGLE_KEY) if _FIELD_ANGLE_KEY in values else None
@@ -53,27 +51,27 @@ def read_opencv(file: LensFile, camera_id: int | str | None) -> Camera:
     keys, coefficients_of = 4 * [matrix_key], len(coefficients) * [str(key)]
     if is_omnidir:
         (xi,) = _read_list(reader, str(reader.find(*_XI_KEYS)), 1)
-        if len(coefficients) != _NUM_OMNIDIR:
+        if len(coefficients) != _FOUR:
             reader.fail(
                 key or _DISTORTION_KEYS[0],
-                f"omnidir has {_NUM_OMNIDIR} coefficients, found {len(coefficients)}",
+                f"omnidir has {_FOUR} coefficients, found {len(coefficients)}",
             )
         params += [matrix[1], xi, *coefficients]
         keys += [matrix_key, str(reader.find(*_XI_KEYS)), *coefficients_of]
         return reader.make_camera("mei", params, width, height, limit, keys)
     keys += coefficients_of
     fisheye = _is_fisheye(reader)
-    if fisheye is None and len(coefficients) == _AMBIGUOUS:
+    if fisheye is None and len(coefficients) == _FOUR:
         reader.fail(
             str(key),
             "4 coefficients are k1 k2 p1 p2, or a fisheye's k1 to k4, and nothing says which: add "
             "'distortion_model: plumb_bob' or 'distortion_model: equidistant'",
         )
     if fisheye:
-        if len(coefficients) != _NUM_FISHEYE:
+        if len(coefficients) != _FOUR:
             reader.fail(
                 key or _DISTORTION_KEYS[0],
-                f"a fisheye has {_NUM_FISHEYE} coefficients, found {len(coefficients)}",
+                f"a fisheye has {_FOUR} coefficients, found {len(coefficients)}",
             )
         return reader.make_camera(
             "kannala_brandt", params + coefficients, width, height, limit, keys
@@ -139,8 +137,8 @@ def to_opencv(camera: Camera) -> tuple[dict[str, int | float], list[float], list
     if camera.model == "mei":
         skew, xi, *coefficients = coefficients
     fisheye = camera.model == "kannala_brandt"
-    if fisheye and len(coefficients) <= _NUM_FISHEYE:
-        coefficients += [0.0] * (_NUM_FISHEYE - len(coefficients))
+    if fisheye and len(coefficients) <= _FOUR:
+        coefficients += [0.0] * (_FOUR - len(coefficients))
     elif camera.model not in ("pinhole", "mei", *_RADIAL_LENSES.values()):
         raise refuse_lens("OpenCV", camera)
     plain: dict[str, int | float] = {
@@ -152,7 +150,7 @@ def to_opencv(camera: Camera) -> tuple[dict[str, int | float], list[float], list
         plain[_FIELD_ANGLE_KEY] = camera.valid_field_angle
     if xi is not None:
         plain["xi"] = xi
-    matrix = [fx, skew, cx - _PIXEL_SHIFT, 0.0, fy, cy - _PIXEL_SHIFT, 0.0, 0.0, 1.0]
+    matrix = [fx, skew, cx - FROM_ZERO, 0.0, fy, cy - FROM_ZERO, 0.0, 0.0, 1.0]
     return plain, matrix, coefficients
 
 

@@ -2,5 +2,3 @@
 
 from gsut.refine.captures.alignment import CaptureAlignment, align_captures
 from gsut.refine.captures.changes import find_changes
-
-__all__ = ["CaptureAlignment", "align_captures", "find_changes"]

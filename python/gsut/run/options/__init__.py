@@ -23,28 +23,3 @@ from gsut.run.options.primitives import FLAT_PRIMITIVES
 from gsut.run.options.recipe import PRESETS, Recipe, make_recipe
 from gsut.run.options.scene import SceneOptions
 from gsut.run.options.train import AUTO, READOUTS, TrainOptions
-
-__all__ = [
-    "AUTO",
-    "FLAT_PRIMITIVES",
-    "MOST_BLOCKS",
-    "PRESETS",
-    "READOUTS",
-    "BlockOptions",
-    "Recipe",
-    "SceneOptions",
-    "TrainOptions",
-    "add_option_flags",
-    "check_options",
-    "collect_given",
-    "define_option",
-    "describe_options",
-    "fit_to_views",
-    "format_flag",
-    "get_info",
-    "get_preset_value",
-    "is_from_preset",
-    "list_choices",
-    "make_recipe",
-    "raise_degree",
-]

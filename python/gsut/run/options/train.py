@@ -113,8 +113,8 @@ class TrainOptions:
 
     max_gaussians: int = define_option(
         AUTO, "Gaussians", "largest number of Gaussians; auto: fast 50000, balanced 200000, best "
-        "300000, or fewer for few photographs: 5000 a training view, and one for 4 of their "
-        "pixels; up to 20000, training grows to twice the number and merges halfway",
+        "300000, or fewer for few photographs: 5000 a training view; up to 20000, training "
+        "grows to twice the number and merges halfway",
         low=1, high=100_000_000, words=(AUTO,),
     )
     sh_degree: int = define_option(

@@ -2,5 +2,3 @@
 
 from gsut.sfm.gyroscope.calibration import TurnCalibration, calibrate_turns
 from gsut.sfm.gyroscope.evidence import sharpen_rates, use_gyroscope
-
-__all__ = ["TurnCalibration", "calibrate_turns", "sharpen_rates", "use_gyroscope"]

@@ -2,5 +2,3 @@
 
 from gsut.sfm.learned.supplement import add_learned_features
 from gsut.sfm.learned.weights import describe_weights
-
-__all__ = ["add_learned_features", "describe_weights"]

@@ -12,7 +12,6 @@ from gsut._core import SolveError
 from gsut.judge import SURE
 from gsut.lens import Camera
 from gsut.sfm.lens.candidates import FREE, explain_implausible
-from gsut.sfm.lens.covariance import LensCovariance
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import PairMatches, keep_most_distinct
 from gsut.sfm.solution import CENTER, Adjustment, Solution, adjust_registered
@@ -72,18 +71,18 @@ def _measure_off(lens: Camera) -> tuple[np.ndarray, float]:
     return off, Adjustment.center_sigma * math.hypot(lens.width, lens.height)
 
 
-def describe_center(mapping: Mapping, lens: Camera, known: LensCovariance | None) -> Mapping:
+def describe_center(mapping: Mapping, lens: Camera, known: np.ndarray | None) -> Mapping:
     """Adds the principal point of the one lens to the figures, and a note if it deserves one.
 
     Args:
         mapping: with the flags of the lens.
         lens: as estimated.
-        known: its covariance; None: not determined.
+        known: standard deviations of its parameters; None: not determined.
     """
     off, prior = _measure_off(lens)
     flags = mapping.one_lens_free
     is_free = flags is not None and bool(flags[list(CENTER)].all())
-    sigma = known.sigmas[list(CENTER)] if known is not None and is_free else np.full(2, prior)
+    sigma = known[list(CENTER)] if known is not None and is_free else np.full(2, prior)
     figures = {
         "off_px": off.tolist(), "sigma_px": sigma.tolist(), "estimated": is_free,
     }  # fmt: skip

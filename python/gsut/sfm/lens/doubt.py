@@ -1,26 +1,21 @@
-"""Judges how well an estimated lens is known, and compares it with what was said of it."""
+"""Judges how well an estimated lens is known."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
 from gsut._core import SolveError
 from gsut.data import list_some
 from gsut.judge.checks import FOCAL_LIMIT
-from gsut.lens import Camera, measure_field_of_view
 from gsut.sfm.lens.center import describe_center
-from gsut.sfm.lens.covariance import LensCovariance, estimate_lens_covariances
+from gsut.sfm.lens.covariance import estimate_lens_sigmas
 from gsut.sfm.lens.critical_motion import find_critical_motion
 from gsut.sfm.lens.given import check_given_lens
 from gsut.sfm.lens.prior import estimate_focal_sigma, weigh_focal_prior
 from gsut.sfm.mapping import Findings, Mapping
-from gsut.sfm.photographs import LensGroup
-from gsut.sfm.solution import FEATURE_VARIANCE, LensFlags, Solution, StatedTurns, index_lenses
-
-_CONTRADICTS = 0.1  # relative difference of focal lengths that needs an explanation
+from gsut.sfm.solution import LensFlags, Solution, StatedTurns, index_lenses
 
 
 def judge_lens(mapping: Mapping) -> Mapping:
@@ -31,10 +26,10 @@ def judge_lens(mapping: Mapping) -> Mapping:
     solution, flags = mapping.solved, mapping.lens_free
     if flags is None:
         return check_given_lens(mapping)
-    sigma, covariances = _measure_focal_sigma(solution, flags, mapping.turns)
+    sigma, known = _measure_focal_sigma(solution, flags, mapping.turns)
     if isinstance(flags, np.ndarray) and mapping.photographs.frames is None:
         lens = solution.cameras[int(np.flatnonzero(solution.registered)[0])]
-        mapping = describe_center(mapping, lens, covariances[0] if covariances else None)
+        mapping = describe_center(mapping, lens, known[0] if known else None)
     motion = find_critical_motion(solution, mapping.pairs)
     if mapping.one_lens_free is None:
         sigma = estimate_focal_sigma(mapping, flags, sigma)
@@ -59,23 +54,21 @@ def _to_percent(sigma: float) -> float | None:
 
 def _measure_focal_sigma(
     solution: Solution, flags: LensFlags, turns: StatedTurns | None
-) -> tuple[float, list[LensCovariance]]:
+) -> tuple[float, list[np.ndarray]]:
     """Measures the relative standard deviation of the focal length of the least known lens.
 
     Returns:
-        It, infinite where the images do not determine the lens; and the lenses' covariances.
+        It, infinite where the images do not determine the lens; and standard deviations of the
+        lenses' parameters.
     """
     try:
-        covariances = estimate_lens_covariances(solution, flags, FEATURE_VARIANCE, turns=turns)
+        sigmas = estimate_lens_sigmas(solution, flags, turns)
     except SolveError:
         return math.inf, []
     lenses = index_lenses(solution.cameras, flags)
     estimated = [c for c, f in zip(lenses.cameras, lenses.free, strict=True) if f is not None]
-    sigma = max(
-        float(covariance.sigmas[0] / lens.params[0])
-        for covariance, lens in zip(covariances, estimated, strict=True)
-    )
-    return sigma, covariances
+    sigma = max(float(own[0] / lens.params[0]) for own, lens in zip(sigmas, estimated, strict=True))
+    return sigma, sigmas
 
 
 def describe_doubt(found: Findings) -> str | None:
@@ -96,18 +89,11 @@ def describe_doubt(found: Findings) -> str | None:
     )
 
 
-def compare_lens(mapping: Mapping) -> list[str]:
-    """Compares the lens that was found with what the photographs say: one sentence each."""
-    photographs, groups = mapping.photographs, mapping.photographs.groups
-    if len(groups) > 1 or (groups and len(groups[0].images) < len(photographs)):
-        return _describe_cameras(groups, mapping.solved)
-    if mapping.found.figures["lens"] == "estimated" and photographs.exif_focal_px is not None:
-        return explain_contradiction(photographs.exif_focal_px, mapping.solved.cameras[0])
-    return []
-
-
-def _describe_cameras(groups: Sequence[LensGroup], solution: Solution) -> list[str]:
+def describe_cameras(mapping: Mapping) -> list[str]:
     """Names the cameras whose lens was found, and those whose images all have no pose."""
+    groups, solution = mapping.photographs.groups, mapping.solved
+    if len(groups) < 2 and not (groups and len(groups[0].images) < len(mapping.photographs)):
+        return []
     notes, found = [], []
     for group in groups:
         if solution.registered[group.images].any():
@@ -122,19 +108,3 @@ def _describe_cameras(groups: Sequence[LensGroup], solution: Solution) -> list[s
     if found:
         notes.insert(0, f"the lens of each of these cameras was found: {', '.join(found)}")
     return notes
-
-
-def explain_contradiction(exif_focal_px: float, lens: Camera) -> list[str]:
-    """Explains, in a sentence, a lens far from the focal length that EXIF states."""
-    found = float(lens.params[0])
-    if abs(found / exif_focal_px - 1) <= _CONTRADICTS:
-        return []
-    said = 2 * math.degrees(math.atan(lens.width / 2 / exif_focal_px))
-    field = measure_field_of_view(lens)
-    seen = "" if field is None else f", {field:.0f} degrees across"
-    return [
-        f"EXIF states a focal length of {exif_focal_px:.0f} px ({said:.0f} degrees across as a "
-        f"perspective lens), but {found:.0f} px were found{seen}: the photographs were cropped or "
-        "corrected in the camera, or the lens found is wrong; if renders look bent, give the field "
-        "of view by --fov or a lens by --camera"
-    ]

@@ -11,12 +11,11 @@ from gsut._core import SolveError
 from gsut.judge.checks import FOCAL_LIMIT
 from gsut.lens import Camera, find_focal_params, has_focal_length
 from gsut.sfm.lens.candidates import TIED
-from gsut.sfm.lens.covariance import estimate_lens_covariances
+from gsut.sfm.lens.covariance import estimate_lens_sigmas
 from gsut.sfm.lens.prior import find_focal
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import PairMatches, choose_connected_pairs, keep_most_distinct
 from gsut.sfm.solution import (
-    FEATURE_VARIANCE,
     Adjustment,
     LensFlags,
     Solution,
@@ -45,7 +44,7 @@ def check_given_lens(mapping: Mapping) -> Mapping:
     pairs = keep_most_distinct(choose_connected_pairs(posed, _IMAGES))
     try:
         free = _adjust(mapping, pairs, flags)
-        (known,) = estimate_lens_covariances(free, flags, FEATURE_VARIANCE)
+        (known,) = estimate_lens_sigmas(free, flags)
         given, own = float(lens.params[focal[0]]), find_focal(free)
         agrees = abs(math.log(own / given)) <= FOCAL_LIMIT
         if not agrees:
@@ -54,7 +53,7 @@ def check_given_lens(mapping: Mapping) -> Mapping:
             agrees = not found.is_rival
     except SolveError:  # nothing can be said
         return mapping
-    sigma = float(known.sigmas[focal[0]]) / own
+    sigma = float(known[focal[0]]) / own
     figures = {
         "px": given, "images_px": own, "images_sigma_percent": 100 * sigma, "agrees": agrees,
     }  # fmt: skip

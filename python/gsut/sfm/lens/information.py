@@ -75,7 +75,7 @@ class WeightedObservations:
                 by_lens[own, :, end - basis.shape[1] : end] = by_params @ basis[chosen]
         good = np.isfinite(by_p).all(axis=(1, 2)) & np.isfinite(solution.residuals).all(axis=1)
         self.rows = rows = np.flatnonzero(good if used is None else good & used)
-        self.image, self.point, self.lens_of = image[rows], point[rows], of_lens[rows]
+        self.image, self.point = image[rows], point[rows]
         self.p, self.by_p, self.by_lens = p[rows], by_p[rows], by_lens[rows]
         self.squared = np.sum(solution.residuals[rows] ** 2, axis=1)
         self.median = float(np.median(self.squared)) if len(rows) else 0.0
@@ -134,8 +134,8 @@ class WeightedObservations:
             freedom -= determined
         return np.asarray(total), freedom
 
-    def estimate_spread(self, freedom: int) -> tuple[float, float]:
-        """Estimates a coordinate's noise in pixels, and the factor of the inverse normal equations.
+    def estimate_spread(self, freedom: int) -> float:
+        """Estimates the factor of the inverse normal equations that makes them a covariance.
 
         Takes in what Cauchy's loss costs (Huber 1964: E[psi^2] / E[psi']^2).
 
@@ -143,10 +143,9 @@ class WeightedObservations:
             freedom: number of coordinates minus unknowns.
         """
         weight, lost = self.weight[:, 0, 0] ** 2, 2 * len(self.squared) / freedom
-        noise = math.sqrt(self.median / MEDIAN_SQUARE * lost)
         # psi = w r; over all directions of a residual r in the plane its mean derivative is w^2.
         psi = float(np.mean(weight**2 * self.squared)) / 2
-        return noise, lost * psi * float(np.mean(weight)) / float(np.mean(weight**2)) ** 2
+        return lost * psi * float(np.mean(weight)) / float(np.mean(weight**2)) ** 2
 
 
 Rows = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]

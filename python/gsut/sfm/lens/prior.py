@@ -12,7 +12,7 @@ from gsut._core import SolveError
 from gsut.judge import SURE
 from gsut.lens import Camera, FocalPrior, find_focal_params, with_scaled_focal
 from gsut.sfm.lens.candidates import guess_lens
-from gsut.sfm.lens.covariance import estimate_lens_covariances
+from gsut.sfm.lens.covariance import estimate_lens_sigmas
 from gsut.sfm.lens.information import GROUPS, split_windows
 from gsut.sfm.lens.trials import run_trials
 from gsut.sfm.mapping import Mapping
@@ -41,7 +41,6 @@ _WINDOW_MATCHES = 50
 _MOST_LEFT_OUT = 100
 # Share of the prior's standard deviation below which the images alone know better.
 _NEGLIGIBLE = 0.1
-_EXIF = "EXIF"  # source of the focal length that photographs state
 
 
 def weigh_focal_prior(mapping: Mapping, features_sigma: float) -> tuple[Mapping, float]:
@@ -81,10 +80,11 @@ def weigh_focal_prior(mapping: Mapping, features_sigma: float) -> tuple[Mapping,
         "agrees": agrees, "used": held is not None,
     }  # fmt: skip
     mapping = mapping.add_findings({"focal_prior": figures})
-    if not agrees and prior.source != _EXIF:  # `explain_contradiction` speaks of EXIF
+    if not agrees:
         mapping.log.note(
             f"the images give a focal length of {known}, which contradicts the {prior.px:.0f} px "
-            f"of {prior.source}, likelier wrong and not used; check it"
+            f"of {prior.source}: these are not used, as photographs may be cropped or corrected in "
+            "the camera; if renders look bent, give the lens by --camera"
         )
     if held is None:
         return mapping, sigma
@@ -108,7 +108,7 @@ def _find_prior(mapping: Mapping) -> FocalPrior | None:
         return FocalPrior(float(start.params[0]), _STATED, photographs.profile.name)
     if photographs.exif_focal_px is None or photographs.focal_sigma is None:
         return None
-    return FocalPrior(photographs.exif_focal_px, photographs.focal_sigma, _EXIF)
+    return FocalPrior(photographs.exif_focal_px, photographs.focal_sigma, "EXIF")
 
 
 def find_focal(solution: Solution) -> float:
@@ -201,11 +201,11 @@ def _measure_spread_of_windows(mapping: Mapping, solution: Solution, flags: np.n
         if found is None:
             return None
         try:
-            (known,) = estimate_lens_covariances(found, flags)
+            (known,) = estimate_lens_sigmas(found, flags)
         except SolveError:
             return None
         focal = find_focal(found)
-        return math.log(focal), (focal / float(known.sigmas[0])) ** 2
+        return math.log(focal), (focal / float(known[0])) ** 2
 
     point, image = solution.observations[:, 0], solution.observations[:, 1]
     windows = split_windows(image, point, len(solution.names), GROUPS)

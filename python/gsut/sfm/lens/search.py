@@ -73,9 +73,7 @@ def search_lens(mapping: Mapping) -> Mapping:
         solution = solve_poses(
             mapping.images.with_lens(lens), pairs, mapping.options,
             mapping.log.follow_steps("mapping"),
-            Adjustment(
-                flags, lens_settled=True, defer_covariances=mapping.shutter_follows
-            ),
+            Adjustment(flags, lens_settled=True),
         )  # fmt: skip
     except SolveError as error:
         raise explain_failure(error, mapping.features, pairs, ADVICE) from None

@@ -2,5 +2,3 @@
 
 from gsut.sfm.mapping.log import PosesLog
 from gsut.sfm.mapping.state import Findings, Mapping, RigFit
-
-__all__ = ["Findings", "Mapping", "PosesLog", "RigFit"]

@@ -151,22 +151,6 @@ class Mapping:
         )
 
     @property
-    def shutter_follows(self) -> bool:
-        """Returns whether the shutter of a video is looked for once its poses are known."""
-        return (
-            self.shutter is None
-            and self.options.shutter == "auto"
-            and bool(self.photographs.flows)
-            and self.rig is None
-        )
-
-    def complete_solution(self, solution: Solution) -> Mapping:
-        """Returns the run with a solution and covariances that were deferred, see `Adjustment`."""
-        models = [each.add_covariances(self.features) for each in self.found.models]
-        completed = self.replace(solution=solution.add_covariances(self.features))
-        return completed.add_findings(models=models)
-
-    @property
     def one_lens_free(self) -> np.ndarray | None:
         """Flags of the one lens of all photographs; None if it is known or there are several."""
         return self.lens_free if isinstance(self.lens_free, np.ndarray) else None

@@ -24,24 +24,3 @@ from gsut.sfm.matches.verification import (
     require_overlap,
     verify_matches,
 )
-
-__all__ = [
-    "ALL_SAME",
-    "MAX_DISTANCE",
-    "MAX_RATIO",
-    "ROLLING_ERROR",
-    "TRIAL_MATCHES",
-    "WINDOW",
-    "PairMatches",
-    "RawMatches",
-    "choose_connected_pairs",
-    "explain_failure",
-    "find_frame_numbers",
-    "keep_most_distinct",
-    "match_images",
-    "measure_pictures",
-    "require_overlap",
-    "select_pairs",
-    "select_verified_pairs",
-    "verify_matches",
-]

@@ -24,32 +24,5 @@ from gsut.sfm.photographs.listing import (
     require_central,
 )
 from gsut.sfm.photographs.moments import order_by_folder
-from gsut.sfm.photographs.options import PosesOptions, add_lens_readout
+from gsut.sfm.photographs.options import PosesOptions
 from gsut.sfm.photographs.stages import Stages, digest_key
-
-__all__ = [
-    "DESCRIPTOR_LENGTH",
-    "DESCRIPTOR_SCALE",
-    "FEWEST_IMAGES",
-    "TANGENT",
-    "Features",
-    "ImageLines",
-    "Images",
-    "LensGroup",
-    "OnProgress",
-    "Photographs",
-    "PosesOptions",
-    "Stages",
-    "add_lens_readout",
-    "check_lens",
-    "collect_features",
-    "detect_features",
-    "digest_key",
-    "find_photographs",
-    "list_photographs",
-    "make_no_features",
-    "mask_fixed_pixels",
-    "order_by_folder",
-    "read_features",
-    "require_central",
-]

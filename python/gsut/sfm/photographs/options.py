@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from gsut._core import InputError
-from gsut.lens import find_lens, is_lens_name
 from gsut.run.options import check_options, define_option, describe_options
 
 # Largest error of an observation in the structure of all images, over that of two images: it holds
@@ -99,23 +98,3 @@ class PosesOptions:
         check_options(self)
         if self.shutter == "global" and self.readout_time is not None:
             raise InputError("--shutter global and --readout-time contradict each other: drop one")
-
-
-def add_lens_readout(
-    options: PosesOptions, camera: str | None, captured: dict[str, Any]
-) -> PosesOptions:
-    """Adds the readout time of a lens given by name to the options of a rolling shutter.
-
-    Args:
-        options: unchanged if the shutter is not rolling or the readout time is known.
-        camera: a lens file, a lens name, or None.
-        captured: figures of a capture: "size" in pixels, and "name_rate", frames a second.
-    """
-    wanted = options.shutter == "rolling" and options.readout_time is None
-    if not (wanted and camera and is_lens_name(camera)):
-        return options
-    profile = find_lens(camera, tuple(captured["size"]))
-    share = profile.find_readout_share(captured["name_rate"])
-    backwards = (profile.readout_ms or 0) < 0
-    direction = "bottom_to_top" if backwards else options.readout_direction
-    return dataclasses.replace(options, readout_time=share, readout_direction=direction)

@@ -1,5 +1,3 @@
 """What a run writes: the dataset, poses.json, the verdict and the pages."""
 
 from gsut.sfm.report.output import is_finished, read_figures, read_scale_sigma, write_poses
-
-__all__ = ["is_finished", "read_figures", "read_scale_sigma", "write_poses"]

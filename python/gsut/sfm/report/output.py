@@ -18,7 +18,6 @@ from gsut.data.points import format_points_ply
 from gsut.data.poses import invert_pose
 from gsut.files import read_json, register_reader, write_file
 from gsut.run import Verdict
-from gsut.sfm.lens import compare_lens
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.photographs import Photographs
 from gsut.sfm.report.page import REPORT, write_report
@@ -49,7 +48,7 @@ def write_poses(mapping: Mapping, folder: Path, made_from: str) -> dict[str, Any
     """
     solution, found, log = mapping.solved, mapping.found, mapping.log
     models = write_models(found.models, mapping.photographs, folder)
-    log.note(*list_notes(mapping, compare_lens(mapping)), *models)
+    log.note(*list_notes(mapping), *models)
     verdict = judge_solution(solution, mapping.features, found)
     look_alikes = found.look_alikes
     is_measured = found.halves_px is not None and math.isfinite(sum(found.halves_px))

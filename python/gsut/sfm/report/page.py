@@ -1,4 +1,4 @@
-"""Writes the page of a run: cameras and points, track lengths, residuals by field angle."""
+"""Writes the page of a run: cameras and points, and residuals by field angle."""
 
 from __future__ import annotations
 
@@ -25,7 +25,6 @@ REPORT = "report.html"
 _MOST_POINTS = 20000  # drawn: more only make the page larger
 _SHOWN_PERCENT = 97.0  # of the points, nearest first: far ones would shrink the rest
 _BIN_DEGREES = 5.0  # of the field angle, in the plot of residuals
-_RESIDUAL_BARS = 60
 _FEWEST_IN_BIN = 10  # residuals, for a median and a percentile
 _CHARTS = """<div class="plots" style="grid-template-columns: repeat(auto-fit, minmax(20rem, 1fr))">
 {%- for chart in charts %}<img src="{{ chart.embed() }}" alt="{{ alt }}">{% endfor %}</div>"""
@@ -71,12 +70,8 @@ def write_report(out: Path, solution: Solution, values: dict[str, Any]) -> None:
         render_template(
             _CHARTS, charts=_plot_scene(solution, values.get("rig")), alt="cameras and points"
         ),
-        render_template("<h2>Residuals and tracks</h2>"),
-        render_template(
-            _CHARTS,
-            charts=[*_plot_residuals(solution), *_plot_tracks(solution)],
-            alt="residuals and tracks",
-        ),
+        render_template("<h2>Residuals</h2>"),
+        render_template(_CHARTS, charts=_plot_residuals(solution), alt="residuals"),
         render_template("<h2>Images</h2>"),
         build_table(
             map(_make_image_row, values["views"]),
@@ -194,18 +189,4 @@ def _plot_residuals(solution: Solution) -> list[Chart]:
     x = np.array(middles[1:])
     by_angle.draw_line(x, np.array(upper[1:]), Style.MUTED, 1.5, dots=True)
     by_angle.draw_line(x, np.array(medians[1:]), dots=True)
-    most = float(np.percentile(lengths, 99)) or 1.0
-    counts, edges = np.histogram(lengths, bins=_RESIDUAL_BARS, range=(0.0, most))
-    of_all = Chart("residuals", "px", (0.0, most), (0.0, 1.05 * counts.max()))
-    of_all.draw_histogram(edges, counts)
-    return [by_angle, of_all]
-
-
-def _plot_tracks(solution: Solution) -> list[Chart]:
-    lengths = np.bincount(solution.observations[:, 0])
-    longest = int(max(lengths.max(initial=2), 3))
-    counts, edges = np.histogram(lengths, bins=np.arange(1.5, longest + 1.5))
-    most = 1.2 * max(2.0, float(counts.max()))
-    chart = Chart("points by track length", "images", (1.0, longest + 1.0), (0.8, most), log=True)
-    chart.draw_histogram(edges, np.maximum(counts, 0.8))
-    return [chart]
+    return [by_angle]

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from gsut.data import list_some
 from gsut.judge.checks import FEW_AGREE, PosesQuality, has_bent, judge_poses
 from gsut.run import Verdict
-from gsut.sfm.lens import TURNED, describe_doubt
+from gsut.sfm.lens import TURNED, describe_cameras, describe_doubt
 from gsut.sfm.mapping import Findings, Mapping
 from gsut.sfm.matches import measure_pictures
 from gsut.sfm.photographs import Features
@@ -45,15 +45,11 @@ def judge_solution(solution: Solution, features: Sequence[Features], found: Find
     )
 
 
-def list_notes(mapping: Mapping, of_lens: list[str]) -> list[str]:
-    """Lists what a user should know of the poses, one sentence each.
-
-    Args:
-        of_lens: sentences of `compare_lens`.
-    """
+def list_notes(mapping: Mapping) -> list[str]:
+    """Lists what a user should know of the poses, one sentence each."""
     solution, found = mapping.solved, mapping.found
     agreement, is_lens_known = found.agreement, found.figures["lens"] == "known"
-    notes = [*of_lens]
+    notes = describe_cameras(mapping)
     notes += found.rig.notes if found.rig is not None else []
     elsewhere = {name for model in found.models for name in model.registered_names}
     without = [name for name in solution.unregistered_names if name not in elsewhere]

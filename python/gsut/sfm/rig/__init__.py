@@ -6,16 +6,3 @@ from gsut.sfm.rig.images import find_rig_photographs, require_features
 from gsut.sfm.rig.motion import find_image_lines
 from gsut.sfm.rig.pair import find_lens_pair
 from gsut.sfm.rig.shutter import find_rig_shutter
-
-__all__ = [
-    "COVARIANCE_OF",
-    "RIG",
-    "adjust_rig_near_places",
-    "find_image_lines",
-    "find_lens_pair",
-    "find_rig_photographs",
-    "find_rig_shutter",
-    "require_features",
-    "solve_rig",
-    "write_rig_fit",
-]

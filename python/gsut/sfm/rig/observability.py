@@ -87,7 +87,7 @@ def estimate_mount_uncertainty(
     scaled[np.diag_indices(len(scaled))] += anywhere
     rest = _hold_size(mounts, size)
     freedom = max(2 * len(seen.rows) - determined - rest.shape[1], 1)
-    variance = FEATURE_VARIANCE * seen.estimate_spread(freedom)[1]
+    variance = FEATURE_VARIANCE * seen.estimate_spread(freedom)
     full = variance * rest @ np.linalg.inv(rest.T @ scaled @ rest) @ rest.T
     return [
         MountUncertainty(full[i : i + 3, i : i + 3], full[i + 3 : i + 6, i + 3 : i + 6])

@@ -8,12 +8,3 @@ from gsut.sfm.shutter.video import (
     find_shutter,
     is_probably_rolling,
 )
-
-__all__ = [
-    "VideoShutter",
-    "correct_readout",
-    "estimate_rates",
-    "find_line_order",
-    "find_shutter",
-    "is_probably_rolling",
-]

@@ -111,7 +111,7 @@ def estimate_readout_by_flow(
     if freedom <= 0 or not information > 0:
         return None
     time = -float(left[:GROUPS, -1].sum()) / information
-    factor = seen.estimate_spread(freedom)[1] * FEATURE_VARIANCE
+    factor = seen.estimate_spread(freedom) * FEATURE_VARIANCE
     scores = left[:GROUPS, -1] + left[:GROUPS, :GROUPS].sum(axis=1) * time
     apart = GROUPS / (GROUPS - 1) * float(scores @ scores) / information**2
     noise = float(np.diag(left)[GROUPS:-1].mean())

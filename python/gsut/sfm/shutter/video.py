@@ -94,7 +94,7 @@ def find_shutter(mapping: Mapping) -> Mapping:
     is_unknown = solution.shutter is None and mapping.options.shutter == "auto"
     if is_unknown and mapping.photographs.flows:
         lines = find_video_shutter(mapping)
-        mapping = mapping.complete_solution(lines.solution)
+        mapping = mapping.replace(solution=lines.solution)
         solution = mapping.solved
         (mapping.log.keep if solution.shutter is None else mapping.log.note)(lines.describe())
         found = lines.readout

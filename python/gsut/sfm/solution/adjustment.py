@@ -188,8 +188,6 @@ class Adjustment:
         hold_out_every: every n-th longer track keeps one observation out of all adjustments; 0:
             none.
         covariances: False for a trial: they are 0, and the solver ends at a rougher tolerance.
-        defer_covariances: of `solve_poses`: they are 0 until `Solution.add_covariances`, and
-            nothing else changes; not for rolling shutters.
         rig: of `adjust_poses`: the images' cameras are fixed to each other.
         motion: of `adjust_poses`: images are read line by line.
         extend: of `adjust_poses`: look at the end for points in images that do not see them yet.
@@ -206,7 +204,6 @@ class Adjustment:
     lens_settled: bool = False
     hold_out_every: int = 0
     covariances: bool = True
-    defer_covariances: bool = False
     rig: RigConstraint | None = None
     motion: ReadoutMotion | None = None
     extend: bool = False

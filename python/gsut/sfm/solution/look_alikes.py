@@ -90,23 +90,6 @@ class _Evidence:
     doubted: np.ndarray
 
 
-def find_look_alikes(
-    solution: Solution, times: np.ndarray | None = None, near: int = 0
-) -> LookAlikes | None:
-    """Finds images whose poses say that they show the same place while their points do not.
-
-    Args:
-        solution: poses and points.
-        times: (N,) int64, each image's frame number in order of time; None: not known.
-        near: frames whose numbers differ by no more are not compared, as they follow each other;
-            nor are frames between which the camera did not leave the place.
-
-    Returns:
-        None where nothing speaks for it, or too little can be compared.
-    """
-    return _name_doubted(solution, _gather_evidence(solution, times, near))
-
-
 def separate_look_alikes(
     solution: Solution,
     pairs: list[PairMatches],
@@ -120,9 +103,11 @@ def separate_look_alikes(
         solution: the result of mapping.
         pairs: verified matches that it was made from.
         solve: maps the given pairs; None: nothing is mapped again.
-        times, near: see `find_look_alikes`. Only frames near each other in time stay joined, or,
-            where times are not known, images that share a neighbour: another false join may look
-            right, and one is enough to fold the whole.
+        times: (N,) int64, each image's frame number in order of time; None: not known. Only frames
+            near each other stay joined, or, where times are not known, images that share a
+            neighbour: another false join may look right, and one is enough to fold the whole.
+        near: frames whose numbers differ by no more are not compared, as they follow each other;
+            nor are frames between which the camera did not leave the place.
 
     Returns:
         The solution, its pairs, and what still speaks for places taken for one; solution and pairs

@@ -55,7 +55,6 @@ class Solution:
             the camera turns (radians, camera frame) during the image's readout.
         lines: how each image is read, where they differ.
         camera_from_body: (M, 4, 4) of a rig's mounts, else None.
-        loss_pixels: where the solver's loss bends at the end.
     """
 
     names: list[str]
@@ -80,7 +79,6 @@ class Solution:
     velocities: np.ndarray | None = None
     lines: ImageLines | None = None
     camera_from_body: np.ndarray | None = None
-    loss_pixels: float = 0.0
 
     @property
     def num_registered(self) -> int:
@@ -147,25 +145,6 @@ class Solution:
         points = np.full(int(ends[-1]), -1)
         points[(ends - lengths)[image] + feature] = point
         return np.split(points, ends[:-1])
-
-    def add_covariances(self, features: Sequence[Features]) -> Solution:
-        """Returns the solution with covariances that were deferred, see `Adjustment`.
-
-        Args:
-            features: of all images. The solution is as `solve_poses` returned it, of global
-                shutters; one that has covariances stays as it is.
-        """
-        if self.covariances.any():
-            return self
-        bearings = [
-            _core.ImageBearings(camera, own.pixels)
-            for camera, own in zip(self.cameras, features, strict=True)
-        ]
-        found = _core.structure_covariances(
-            bearings, self.camera_from_world, self.points, self.observations,
-            self.initial_pair, self.loss_pixels,
-        )  # fmt: skip
-        return dataclasses.replace(self, covariances=FEATURE_VARIANCE * found)
 
 
 @dataclasses.dataclass(frozen=True)

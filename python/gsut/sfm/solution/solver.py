@@ -60,7 +60,6 @@ def solve_poses(
     """
     settings = _make_settings(images, options, adjustment)
     settings |= {"lens_settled": adjustment.lens_settled, "covariances": adjustment.covariances}
-    settings["defer_covariances"] = adjustment.defer_covariances
     if images.shutter is not None:
         settings["shutter"] = images.shutter.direction
         settings["rolling_error"] = ROLLING_ERROR
@@ -236,7 +235,6 @@ def _make_solution(images: Images, found: dict[str, Any], lenses: IndexedLenses)
         found["points"], colors, found["point_errors"], observations, pixels, residuals, angles,
         found["initial_pair"], found["restarts"], found["rms"], found["median"],
         found["held_out"] if found["num_held_out"] else None, found["held_out_observations"],
-        loss_pixels=found["loss_pixels"],
     )  # fmt: skip
 
 

@@ -3,5 +3,3 @@
 from gsut.sfm.starts.halves import compare_halves
 from gsut.sfm.starts.left_out import register_left_out
 from gsut.sfm.starts.second_start import try_other_starts
-
-__all__ = ["compare_halves", "register_left_out", "try_other_starts"]

@@ -11,19 +11,3 @@ from gsut.sfm.world.control_file import find_control
 from gsut.sfm.world.earth import find_stated_up, place_on_earth
 from gsut.sfm.world.markers import add_markers, place_by_markers
 from gsut.sfm.world.positions import PositionFit, fit_positions, read_positions
-
-__all__ = [
-    "PoseErrors",
-    "PositionFit",
-    "add_markers",
-    "compare_datasets",
-    "compare_poses",
-    "find_control",
-    "find_stated_up",
-    "fit_positions",
-    "place_by_control",
-    "place_by_markers",
-    "place_on_earth",
-    "read_poses_by_path",
-    "read_positions",
-]

@@ -17,7 +17,7 @@ from gsut.gaussians import rotate_upright
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.solution import Solution, similarity_from_points
 from gsut.sfm.world.place_priors import Adjust, adjust_near_places
-from gsut.sfm.world.positions import EARTH_RADIUS, ECCENTRICITY_2
+from gsut.sfm.world.positions import SCENE_FROM_EAST_NORTH_UP, convert_to_east_north_up
 from gsut.sfm.world.up import (
     FEWEST,
     MOST_TILT,
@@ -33,8 +33,6 @@ _FEWEST_PLACES = 5  # different places
 _SAMPLES = 300  # pairs of places that an alignment is fitted to
 _SAME_PLACE = 0.3  # metres within which places are the same
 _MOST_OFF = 0.1  # median error over the path's size beyond which GPS gives no scale
-_CONTRADICTS = 0.3  # median error over the path's size beyond which poses or GPS are wrong
-_CLEAR_WAY = 20.0  # metres that the path must be in size for such a contradiction
 _FITTING = 0.6  # share of the places that must fit
 _TURN_UP = math.radians(10.0)  # that GPS may turn up against the cameras'
 _DRIFT = 0.3  # metres of GPS within minutes: places near each other in time err alike
@@ -89,7 +87,7 @@ def find_earth(
     if len(index) >= FEWEST:
         given = np.array([places[solution.names[i]] for i in index])
         origin = np.median(given, axis=0)
-        target = _convert_to_metres(given, origin)
+        target = convert_to_east_north_up(given, origin) @ SCENE_FROM_EAST_NORTH_UP.T
         centers = find_centers(solution.camera_from_world[index])
         if up is None and held is not None:
             up = find_up_by_path(held, centers, target)
@@ -168,22 +166,6 @@ def move_to_earth(solution: Solution, earth: Earth) -> Solution:
     )
 
 
-def _convert_to_metres(places: np.ndarray, origin: np.ndarray) -> np.ndarray:
-    """Converts places to (N, 3) east, down, north of an origin, in metres on the ellipsoid."""
-    latitude = math.radians(origin[0])
-    shape = 1 - ECCENTRICITY_2 * math.sin(latitude) ** 2
-    across, along = (
-        EARTH_RADIUS / math.sqrt(shape),
-        EARTH_RADIUS * (1 - ECCENTRICITY_2) / shape**1.5,
-    )
-    off = places - origin
-    turn = (off[:, 1] + 180) % 360 - 180
-    return np.stack(
-        [np.radians(turn) * across * math.cos(latitude), -off[:, 2], np.radians(off[:, 0]) * along],
-        axis=1,
-    )
-
-
 @dataclasses.dataclass(frozen=True)
 class _Aligned:
     """An alignment with GPS, or None, its figures and sentence, and who fits, (N,) bool."""
@@ -231,17 +213,11 @@ def _align_with_gps(centers: np.ndarray, target: np.ndarray, up: np.ndarray | No
         )
         return _Aligned(None, False, figures, words)
     if share > _MOST_OFF or good.mean() < _FITTING:
-        if share > _CONTRADICTS and way > _CLEAR_WAY:
-            words = (
-                f"GPS contradicts the poses: its path extends {way:.0f} m about its middle, and is "
-                f"{limit:.1f} m off the cameras' path: the poses are wrong, or GPS is of another "
-                "moment; scale and north are not taken from it"
-            )
-        else:
-            words = (
-                f"GPS is off the cameras' path by {limit:.1f} m where that is only {way:.1f} m "
-                "in size: too much for scale and north, which stay open"
-            )
+        words = (
+            f"GPS contradicts the cameras' path, which extends {way:.1f} m about its middle, by "
+            f"{limit:.1f} m: GPS is too coarse or of another moment, or the poses are wrong; scale "
+            "and north stay open"
+        )
         return _Aligned(None, False, figures, words)
     scale = transform[0]
     sigma = math.hypot(share / math.sqrt(min(len(target), 9)), _DRIFT / max(way, 1e-9))

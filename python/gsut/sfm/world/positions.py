@@ -17,8 +17,8 @@ from gsut.sfm.solution import similarity_from_points
 
 _GEODETIC = ("latitude", "longitude", "altitude")  # columns in degrees and metres
 _METRIC = ("x", "y", "z")  # columns in metres
-EARTH_RADIUS = 6378137.0  # metres, semi-major axis of WGS 84
-ECCENTRICITY_2 = 6.69437999014e-3  # squared, of WGS 84
+_EARTH_RADIUS = 6378137.0  # metres, semi-major axis of WGS 84
+_ECCENTRICITY_2 = 6.69437999014e-3  # squared, of WGS 84
 # From east, north, up to the axes of a scene: x right, y down, z ahead.
 SCENE_FROM_EAST_NORTH_UP = np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]])
 _FEWEST_PREDICTED = 5  # positions: a similarity fits three, and nearly four, whatever they are
@@ -79,9 +79,8 @@ def read_positions(path: str | os.PathLike[str]) -> dict[str, np.ndarray]:
             raise InputError(f"{path}:{table.line_num}: a name and three numbers are needed")
         rows[row["name"].strip()] = values
     if wanted == _GEODETIC and rows:
-        return dict(
-            zip(rows, _convert_to_east_north_up(np.stack(list(rows.values()))), strict=True)
-        )
+        geodetic = np.stack(list(rows.values()))
+        return dict(zip(rows, convert_to_east_north_up(geodetic, geodetic[0]), strict=True))
     return rows
 
 
@@ -156,16 +155,17 @@ def _require_agreement(centers: np.ndarray, places: np.ndarray, rms: float, sour
         )
 
 
-def _convert_to_east_north_up(geodetic: np.ndarray) -> np.ndarray:
-    """Converts (N, 3) latitudes, longitudes, altitudes to metres relative to the first."""
+def convert_to_east_north_up(geodetic: np.ndarray, origin: np.ndarray) -> np.ndarray:
+    """Converts (N, 3) latitudes, longitudes, altitudes to metres relative to an origin (3,)."""
+    geodetic = np.concatenate([origin[None], geodetic])
     latitude, longitude = np.radians(geodetic[:, 0]), np.radians(geodetic[:, 1])
     sin, cos = np.sin(latitude), np.cos(latitude)
-    normal = EARTH_RADIUS / np.sqrt(1 - ECCENTRICITY_2 * sin**2)
+    normal = _EARTH_RADIUS / np.sqrt(1 - _ECCENTRICITY_2 * sin**2)
     across = (normal + geodetic[:, 2]) * cos
     places = np.stack(
         [across * np.cos(longitude), across * np.sin(longitude),
-         (normal * (1 - ECCENTRICITY_2) + geodetic[:, 2]) * sin], axis=1,
+         (normal * (1 - _ECCENTRICITY_2) + geodetic[:, 2]) * sin], axis=1,
     )  # fmt: skip
     s, c, t, u = sin[0], cos[0], np.sin(longitude[0]), np.cos(longitude[0])
     axes = np.array([[-t, u, 0.0], [-s * u, -s * t, c], [c * u, c * t, s]])
-    return (places - places[0]) @ axes.T
+    return (places[1:] - places[0]) @ axes.T

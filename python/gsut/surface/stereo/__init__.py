@@ -3,5 +3,3 @@
 from gsut.surface.stereo.depth import find_depth_maps
 from gsut.surface.stereo.points import find_points_by_stereo, measure_coverage
 from gsut.surface.stereo.refine import DepthRefiner
-
-__all__ = ["DepthRefiner", "find_depth_maps", "find_points_by_stereo", "measure_coverage"]

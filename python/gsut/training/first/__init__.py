@@ -13,15 +13,3 @@ from gsut.training.first.seeding import (
     choose_first_gaussians,
     seed_first,
 )
-
-__all__ = [
-    "center_on_cameras",
-    "choose_first_gaussians",
-    "choose_number",
-    "describe_fixed",
-    "describe_resizing",
-    "find_plain_background",
-    "prepare_scene",
-    "refine_first_poses",
-    "seed_first",
-]

@@ -1,7 +1,7 @@
 """Chooses how many Gaussians the photographs of a scene support.
 
-Where photographs are few, further Gaussians only memorize them. Two counts bound the number: that
-of the training views and that of their pixels, both known before the first step.
+Where photographs are few, further Gaussians only memorize them: the number of training views, which
+is known before the first step, bounds that of the Gaussians.
 """
 
 from __future__ import annotations
@@ -13,8 +13,6 @@ from gsut.run.options import AUTO, get_preset_value, is_from_preset
 # Most Gaussians for each training view: held-out views of a dozen photographs are predicted best
 # with 50,000 to 100,000 Gaussians, and worse with more.
 _PER_VIEW = 5000
-# Fewest training pixels for each Gaussian: one has more parameters than fewer pixels have values.
-_PIXELS_EACH = 4
 
 
 def choose_number(scene: Scene, options: TrainOptions) -> tuple[int, list[str]]:
@@ -25,19 +23,16 @@ def choose_number(scene: Scene, options: TrainOptions) -> tuple[int, list[str]]:
         options: for this scene; `max_gaussians` other than "auto" stays.
 
     Returns:
-        The preset's number, or a smaller one if training views, or their pixels, are few; and
-        sentences on number and steps where they are not the preset's.
+        The preset's number, or a smaller one if training views are few; and sentences on number and
+        steps where they are not the preset's.
     """
     most, views, notes = options.most_gaussians, len(scene.train_indices), list[str]()
     if options.max_gaussians == AUTO:
-        by_views = _PER_VIEW * views
-        by_pixels = _count_pixels(scene, _PIXELS_EACH * most) // _PIXELS_EACH
-        number = max(1, min(most, by_views, by_pixels))
+        number = min(most, _PER_VIEW * views)
         if number < most:
-            rule = f"{_PER_VIEW:,} each" if number == by_views else f"one for {_PIXELS_EACH} pixels"
             notes.append(
                 f"{views} photographs: at most {number:,} Gaussians of degree {options.sh_degree}, "
-                f"{rule}: more would only memorize them"
+                f"{_PER_VIEW:,} each: more would only memorize them"
             )
         most = number
     preset = get_preset_value(options, "steps")
@@ -50,13 +45,3 @@ def choose_number(scene: Scene, options: TrainOptions) -> tuple[int, list[str]]:
             else f"{views} photographs: {instead}; more would not show other views better (--steps)"
         )
     return most, notes
-
-
-def _count_pixels(scene: Scene, enough: int) -> int:
-    """Counts the unmasked pixels of the training views, stopping at `enough`."""
-    count = 0
-    for index in scene.train_indices:
-        count += int(scene.mask(index).sum())
-        if count >= enough:
-            break
-    return count

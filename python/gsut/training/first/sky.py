@@ -31,8 +31,6 @@ _GAP = 0.035
 _ALIKE = 0.06
 # Standard deviation over all directions, values in [0, 1], below which a sky has no clouds.
 _PLAIN = 0.03
-# Share of the directions empty in some photograph that a plain sky has empty in all of them.
-_STAYS = 0.5
 # Percentile of the heights of a plain sky's directions that lies above the cameras.
 _LOWEST = 2.0
 # Distance of a sky, x the distance of the points: parallax there is below a pixel.
@@ -43,8 +41,6 @@ _PERCENT = 99.0
 _NOISE = 0.01
 # Share of that deviation below which light comes from afar.
 _LEFT_OVER = 0.5
-# Share of the directions whose light has to come from afar.
-_MOST = 0.5
 # Fewest directions that are worth seeding.
 _FEWEST = 50
 
@@ -76,7 +72,7 @@ def find_sky(scene: Scene) -> tuple[np.ndarray, np.ndarray] | None:
         near = near_points[row][y, x]
         taken[directions[near]], empty[directions[~near]] = True, True
     often = seen >= _SEEN_BY
-    stays = np.count_nonzero(often & ~taken) > _STAYS * np.count_nonzero(often & empty)
+    stays = 2 * np.count_nonzero(often & ~taken) > np.count_nonzero(often & empty)
     far = far[often & ~taken]
     if len(far) < _FEWEST:
         return None
@@ -94,7 +90,7 @@ def find_sky(scene: Scene) -> tuple[np.ndarray, np.ndarray] | None:
         of_near, of_far = _average_colors(small, near_points, near)[1], apart[alike]
         compared = np.isfinite(of_near)
         afar = compared & (of_near > _NOISE) & (of_far < _LEFT_OVER * of_near)
-        if compared.sum() < _FEWEST or afar.sum() < _MOST * compared.sum():
+        if compared.sum() < _FEWEST or 2 * afar.sum() < compared.sum():
             return None
     return far, np.rint(255 * colors).astype(np.uint8)
 

@@ -19,21 +19,3 @@ from gsut.training.record.trained_run import (
     read_trained,
 )
 from gsut.training.record.training_record import TrainingRecord
-
-__all__ = [
-    "TrainedRun",
-    "TrainingRecord",
-    "describe_place",
-    "find_run_movers",
-    "list_changed_data",
-    "list_scene_comments",
-    "load_run",
-    "measure",
-    "measure_training",
-    "open_trained",
-    "read_light",
-    "read_scene",
-    "read_trained",
-    "write_findings",
-    "write_results",
-]

@@ -2,5 +2,3 @@
 
 from gsut.training.surface.known_depth import check_maps
 from gsut.training.surface.surface_terms import SurfaceTerms, SurfaceWeights
-
-__all__ = ["SurfaceTerms", "SurfaceWeights", "check_maps"]

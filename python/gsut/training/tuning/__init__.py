@@ -8,14 +8,3 @@ from gsut.training.tuning.compact_run import (
 from gsut.training.tuning.finetuning import finetune, finetune_options
 from gsut.training.tuning.for_viewers import VIEWER_STEPS, tune_for_viewers
 from gsut.training.tuning.levels import make_levels
-
-__all__ = [
-    "VIEWER_STEPS",
-    "CompactOptions",
-    "RunCompactor",
-    "finetune",
-    "finetune_options",
-    "make_levels",
-    "tune_for_viewers",
-    "write_compacted_run",
-]

@@ -6,6 +6,8 @@ const NODES = 129, CHART_MARGIN = 1.25;
 const SEEN_SAMPLES = 33;
 // How a direction without a pixel comes nearer to the axis until it has one, and how often.
 const NEARER = 0.9, MOST_NEARER = 60;
+// Of the rule that gsut draws by: least alpha and largest alpha.
+const RULE = { least: 1 / 255, most: 0.99 };
 // Pixels between those whose rays are computed; the others lie between them.
 const RAY_STEP = 4;
 // Texels across a table of Gaussians, harmonics or their order.

@@ -134,7 +134,6 @@ class PageServer {
     });
     const { size, coefficients, parts } = this.gaussians;
     await Promise.all(this.workers.map(({ send }) => send("start", { bytes, size, coefficients, parts })));
-    this.card = await this.findCard();
     this.moving = this.findMoving();
   }
 
@@ -155,24 +154,6 @@ class PageServer {
     return { picture: turns ? turnedPicture(picture, turns) : picture, span: null, way: `${Math.round(performance.now() - began)} ms, WebGL 2` };
   }
 
-  async findCard() { // null where there is none, or it has no room: the workers draw
-    try {
-      const card = await Card.find(texts["exact/forward.wgsl"]);
-      card?.setScene(this.gaussians);
-      return card;
-    } catch (error) {
-      console.info(`no graphics card: ${error.message}`);
-      return null;
-    }
-  }
-  async drawOnCard(lens, job) { // null where the card cannot draw this frame
-    if (!this.card || this.card.lost || job.shutter || !this.isCentral(lens)) return null;
-    try { return { onCard: true, ...(await this.card.draw(this.core, lens, job.start, job.background)) }; } catch (error) {
-      console.info(`the graphics card stopped: ${error.message}`);
-      this.card = null;
-      return null;
-    }
-  }
   isCentral(lens) {
     const known = this.central.get(lens.model) ?? this.borrow(lens, (camera) => this.core.describeCamera(camera).central);
     this.central.set(lens.model, known);
@@ -284,8 +265,7 @@ class PageServer {
     const lens = this.resize(values.lens, values.width, values.height), { width, height } = lens, rows = Math.ceil(height / 16);
     const background = this.content.background ?? [0, 0, 0], alpha = depth || values.mode === "alpha" || !this.content.background;
     const job = { lens, background, alpha, depth, ...this.place(values) };
-    const whole = (await this.drawOnCard(lens, job)) ?? (await this.drawOnWorkers(lens, job, rows));
-    Object.assign(whole, { width, height, lens });
+    const whole = Object.assign(await this.drawOnWorkers(lens, job, rows), { width, height, lens });
     if (!this.content.background) this.core.fillSurroundings(whole);
     return whole;
   }
@@ -332,7 +312,7 @@ class PageServer {
     const picture = Object.assign(document.createElement("canvas"), { width, height }), brush = picture.getContext("2d");
     brush.putImageData(data, 0, 0);
     if (values.marks?.length) this.drawMarks(brush, drawn.lens, values);
-    const by = drawn.onCard ? "graphics card" : `WebAssembly on ${this.workers.length} thread${this.workers.length > 1 ? "s" : ""}`;
+    const by = `WebAssembly on ${this.workers.length} thread${this.workers.length > 1 ? "s" : ""}`;
     return { picture: turns ? turnedPicture(picture, turns) : picture, span, way: `${Math.round(performance.now() - began)} ms, ${by}` };
   }
   paint(out, i, level, map) {
