@@ -94,7 +94,7 @@ def find_explanation(evidence: Evidence, is_poor: bool) -> Explanation | None:
     return min(alike, key=lambda each: HYPOTHESES.index(each.hypothesis), default=None)
 
 
-def _is_sure(current: np.ndarray, rival: np.ndarray, wins: bool, row: Hypothesis[Dataset]) -> bool:
+def _is_sure(current: np.ndarray, rival: np.ndarray, wins: bool, row: Hypothesis) -> bool:
     """Returns whether a rival is better beyond chance, or plainly: all images say so.
 
     Args:
