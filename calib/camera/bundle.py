@@ -233,7 +233,6 @@ def estimate_covariance(
     state: State,
     observations: Sequence[Observation],
     lenses: Sequence[Projector],
-    free_cameras: bool = False,
 ) -> tuple[np.ndarray, Layout, float]:
     """Estimates the covariance (unknowns, unknowns) at the minimum, its layout, and the noise.
 
@@ -242,7 +241,7 @@ def estimate_covariance(
     Raises:
         SolveError: the boards do not determine the lens.
     """
-    layout = Layout.from_state(state, free_params=True, free_cameras=free_cameras)
+    layout = Layout.from_state(state, free_params=True, free_cameras=False)
     cost, _, normal = linearize(state, layout, observations, lenses)
     freedom = 2 * sum(len(seen.points) for seen in observations) - layout.size
     scale = 1 / np.sqrt(np.diag(normal))

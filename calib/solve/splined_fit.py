@@ -22,18 +22,16 @@ _SPLINE_MARGIN = 1.04  # ratio of the splined field to the image's, so that no e
 _WIDEST_DEGREES = 320.0  # of the splined field: the projection ends at 360
 
 
-def fit_splined(
-    camera: CameraSolution, domain: float, pitch_degrees: float = _PITCH_DEGREES
-) -> tuple[str, list[float], float]:
+def fit_splined(camera: CameraSolution, domain: float) -> tuple[str, list[float], float]:
     """Fits a splined lens over the fisheye's domain, which may end inside the image.
 
     Args:
-        camera: a fisheye solution. domain: radians to its fold. pitch_degrees: between knots.
+        camera: a fisheye solution. domain: radians to its fold.
 
     Returns:
         mrcal's name of the lens, its parameters, and the largest error in pixels.
     """
-    model = name_splined_model(camera, pitch_degrees)
+    model = name_splined_model(camera, _PITCH_DEGREES)
     return model, *_fit(camera, domain, model)
 
 

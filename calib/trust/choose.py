@@ -31,9 +31,7 @@ def solve_camera(
     """Solves for one camera with one lens, by the job's solver."""
     if job.choose_solver(lens) == "opencv":
         return solve_by_opencv(photographs, board, lens)
-    knots = job.knot_degrees
-    if lens == "splined" and knots is None and job.lens == "auto":
-        knots = COARSE_KNOTS_DEGREES
+    knots = COARSE_KNOTS_DEGREES if job.lens == "auto" else None  # of a splined lens
     return solve_by_mrcal(photographs, board, lens, knots)
 
 

@@ -21,7 +21,7 @@ WRONG_VALUES = (  # of a field, as JSON
     "[]", "{}", "[[1, 2], [3]]", 100_000 * "[" + 100_000 * "]",
 )  # fmt: skip
 GOOD: dict[str, dict[str, Any]] = {  # of a row: a request, whose fields are replaced in turn
-    "scene": {}, "frame": FRAME, "photo": {"view": 0}, "lens": {"model": "pinhole"},
+    "scene": {}, "frame": FRAME, "photo": {"view": 0, "side": 8}, "lens": {"model": "pinhole"},
     "pick": {"frame": FRAME, "pixel": [3, 3]}, "camera": FRAME | {"poses": [POSE]},
     "findings": {}, "edits": {"steps": [{"do": "clear"}]},
     "edits.json": {"steps": [{"do": "clear"}]},
@@ -38,7 +38,7 @@ WRONG: dict[str, tuple[str, Any]] = {  # of a row: route and values, refused wit
     "no frame": ("pick", {"frame": [], "pixel": [0, 0]}),
     "no pixel": ("pick", {"frame": FRAME, "pixel": [float("inf"), 0]}),
     "no such lens": ("lens", {"id": -HUGE}),
-    "no such photograph": ("photo", {"view": HUGE}),
+    "no such photograph": ("photo", {"view": HUGE, "side": 8}),
 }
 FOREIGN: dict[str, dict[str, str]] = {  # of a row: headers, refused with status 403
     "another host": {"Host": "evil.example"},

@@ -273,7 +273,7 @@ EXAMPLES: dict[str, Make] = {
         load_points_las,
     ),
     "layout of blocks": write_values(
-        "layout.json", {"tree": TREE, "near": [[0, 0, 0], [1, 1, 1]]}, lambda f: Layout.read(str(f))
+        "layout.json", {"tree": TREE}, lambda f: Layout.read(str(f))
     ),
     "lens": write_by("o.yaml", lambda file: gsut.save_camera(LENS, file), gsut.load_camera),
     "lens of a camera path": write_values(

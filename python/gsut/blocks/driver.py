@@ -30,7 +30,7 @@ from gsut.training.first import prepare_scene
 from gsut.training.surface import check_maps
 
 # Version of the tasks' format; tasks of another version cannot be resumed.
-_TASKS = 4
+_TASKS = 5
 
 
 @name_wrong_kinds

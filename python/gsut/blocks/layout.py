@@ -1,4 +1,4 @@
-"""Cuts a scene into blocks by bisection; far things are a block of their own."""
+"""Cuts a scene into blocks by bisection."""
 
 from __future__ import annotations
 
@@ -11,10 +11,6 @@ from gsut._core import InputError
 from gsut.files import read_json, register_reader
 from gsut.run.options import MOST_BLOCKS
 
-# Distance from the cameras' box, x its diagonal, beyond which things are far.
-_FAR = 2.0
-# Least work of far things, x the mean of the blocks, for a block of their own.
-_FAR_WORTH = 0.5
 _DAMAGED = "it is damaged: start a new run"
 
 
@@ -25,29 +21,24 @@ class Layout:
     Attributes:
         tree: {"axis": 0 to 2, "at": coordinate, "below": tree, "above": tree}, where a point at the
             coordinate is above; or None: one block. Blocks are numbered by the leaves, below first.
-        near: (low, high) corners beyond which everything is the last block; None: no such block.
 
-    Coordinates are the dataset's.
+    Coordinates are the dataset's; outer blocks reach to infinity.
     """
 
     tree: dict[str, Any] | None
-    near: tuple[tuple[float, ...], tuple[float, ...]] | None = None
 
     def __len__(self) -> int:
-        return _count_leaves(self.tree) + (self.near is not None)
+        return _count_leaves(self.tree)
 
     def find_owners(self, points: np.ndarray) -> np.ndarray:
         """Returns the block (N,) of each point (N, 3), float64 in the dataset's coordinates."""
         out = np.zeros(len(points), np.int32)
         _number_points(self.tree, points, np.arange(len(points)), 0, out)
-        if self.near is not None:
-            low, high = (np.array(corner) for corner in self.near)
-            out[~((points >= low) & (points <= high)).all(axis=1)] = len(self) - 1
         return out
 
     def as_dict(self) -> dict[str, Any]:
         """Returns a dict for JSON, which `read` reads."""
-        return {"tree": self.tree, "near": None if self.near is None else list(self.near)}
+        return {"tree": self.tree}
 
     @classmethod
     @register_reader("layout of blocks", ".json")
@@ -57,14 +48,13 @@ class Layout:
         Raises:
             InputError: it cannot be read or is damaged.
         """
-        values = read_json(path, {"tree": object, "near": object}, advice=_DAMAGED)
-        near = values["near"]
-        if not (_is_tree(values["tree"]) and (near is None or np.shape(near) == (2, 3))):
+        values = read_json(path, {"tree": object}, advice=_DAMAGED)
+        if not _is_tree(values["tree"]):
             raise InputError(f"{path}: is no layout of blocks; {_DAMAGED}")
-        return cls(values["tree"], near and (tuple(near[0]), tuple(near[1])))
+        return cls(values["tree"])
 
 
-def cut_scene(points: np.ndarray, work: np.ndarray, centers: np.ndarray, count: int) -> Layout:
+def cut_scene(points: np.ndarray, work: np.ndarray, count: int) -> Layout:
     """Cuts a scene into blocks of equal work.
 
     Each box is cut across the axis along which its work spreads furthest, so that both sides have
@@ -73,23 +63,12 @@ def cut_scene(points: np.ndarray, work: np.ndarray, centers: np.ndarray, count: 
     Args:
         points: (N, 3) Gaussians' centres in the dataset's coordinates.
         work: (N,) cost of each: the sum of its blend weights.
-        centers: (C, 3) of the cameras.
         count: number of blocks, at least 1; fewer result if there are not enough different points.
 
-    Returns:
-        The layout; outer boxes reach to infinity, or to where far things begin.
     """
     if not 1 <= count <= MOST_BLOCKS:
         raise InputError(f"--blocks {count}: from 1 to {MOST_BLOCKS}")
-    low, high = centers.min(axis=0), centers.max(axis=0)
-    margin = _FAR * float(np.linalg.norm(high - low))
-    low, high = low - margin, high + margin
-    far = ~((points >= low) & (points <= high)).all(axis=1)
-    near = None
-    if count > 1 and margin > 0 and work[far].sum() * count >= _FAR_WORTH * work.sum():
-        near = (tuple(low.tolist()), tuple(high.tolist()))
-        points, work, count = points[~far], work[~far], count - 1
-    return Layout(_cut(points, work, count), near)
+    return Layout(_cut(points, work, count))
 
 
 def _cut(points: np.ndarray, work: np.ndarray, count: int) -> dict[str, Any] | None:

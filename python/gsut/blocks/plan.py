@@ -14,8 +14,6 @@ from gsut.run.options import Recipe
 
 # Share of all Gaussians that the coarse model of few blocks has: blocks need room to grow.
 _COARSE_GAUSSIANS = 0.8
-# Least share of all Gaussians that the coarse model has, however many blocks there are.
-_COARSE_LEAST = 0.02
 # Gaussians of the coarse model, x those of a block: what fits into its memory with its context.
 _COARSE_BLOCKS = 3.3
 # Share of all steps that the coarse model is trained for: blocks refine it.
@@ -122,7 +120,7 @@ def choose_coarse_scale(scene: Scene) -> float:
 def make_coarse_options(options: TrainOptions, blocks: int) -> TrainOptions:
     """Returns the options of the coarse model."""
     most = options.most_gaussians
-    share = max(_COARSE_LEAST, min(_COARSE_GAUSSIANS, _COARSE_BLOCKS / blocks))
+    share = min(_COARSE_GAUSSIANS, _COARSE_BLOCKS / blocks)
     few = min(most, max(_FEWEST_GAUSSIANS, round(share * most)))
     steps = max(_FEWEST_STEPS, round(_COARSE_STEPS * options.steps))
     return dataclasses.replace(options, max_gaussians=few, steps=steps)

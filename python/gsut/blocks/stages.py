@@ -164,9 +164,8 @@ class Stages:
             with Progress(self._progress) as bar:
                 seen = Counter(bar, "layout", len(scene.train_indices))
                 work = measure_work(g, small, scene.train_indices, seen.advance)
-            centers = np.array([scene.views[i].camera_center for i in scene.train_indices])
             points = g.means.astype(np.float64) + scene.world_offset
-            layout = cut_scene(points, work, centers + scene.world_offset, self._count)
+            layout = cut_scene(points, work, self._count)
             self._run.write_json(_LAYOUT, layout.as_dict())
         self._store = BlockStore(self._folder, layout, self._scene.world_offset)
         self._store.begin(Trained(g))

@@ -9,12 +9,10 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.bounds import name_wrong_kinds
-from gsut.compact.scores import Passes, SeenView, paint_grey
+from gsut.compact.scores import LONGER_SIDE, Passes, SeenView, paint_grey
 from gsut.gaussians import SH_C0, Gaussians
 from gsut.render import Confidence, Light, render
 
-# Pixels of the longer side at which training views are compared.
-_LONGER_SIDE = 480
 # Held-out views that calibrate, spread evenly: each takes a render.
 _MOST_HELD_OUT = 16
 # Pixels of a held-out view that calibrate, spread evenly: neighbours err alike.
@@ -80,7 +78,7 @@ def _sum_differences(
 ) -> Iterator[tuple[np.ndarray, np.ndarray]]:
     """Yields of each training view blend weights (N,), and their sum times the differences."""
     longest = max(max(camera.width, camera.height) for camera in scene.cameras)
-    small = scene.scale_images(min(1.0, _LONGER_SIDE / longest))
+    small = scene.scale_images(min(1.0, LONGER_SIDE / longest))
     drawn, grey = Passes(gaussians, background or (0.0, 0.0, 0.0)), paint_grey(gaussians)
     weights = Passes(grey)
     for index in small.train_indices:

@@ -10,11 +10,10 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.bounds import name_wrong_kinds
-from gsut.compact.scores import Passes, SeenView
+from gsut.compact.scores import LONGER_SIDE, Passes, SeenView
 from gsut.gaussians import Gaussians
 from gsut.render import Light
 
-_LONGER_SIDE = 480  # pixels of the photographs that are compared
 _UNSEEN = 0.05  # pixels of weight in all photographs together, below which nothing shows a Gaussian
 # Squared error per pixel of weight that the photographs must lose without a contradicted Gaussian;
 # the one that needs it most does not count. With less, Gaussians that replace each other would all
@@ -81,7 +80,7 @@ def find_support(
     if len(indices) < 2:
         raise InputError(f"{len(indices)} photographs cannot contradict each other; 2 at least")
     longest = max(max(camera.width, camera.height) for camera in scene.cameras)
-    small = scene.scale_images(min(1.0, _LONGER_SIDE / longest))
+    small = scene.scale_images(min(1.0, LONGER_SIDE / longest))
     passes = Passes(gaussians, background or (0.0, 0.0, 0.0))
     count = len(gaussians)
     total, most, weight, most_weight = np.zeros((4, count))

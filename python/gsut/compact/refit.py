@@ -33,7 +33,8 @@ def refit_colors(
         small: n Gaussians.
         whole: what they stand for.
         views: at least one.
-        rounds: more are better and slower; the second brings a fifth of what the first does.
+        rounds: more are better and slower; the second brings a fifth of what the first does, the
+            third hardly anything.
         on_view: called after each view of each round.
 
     Returns:

@@ -14,6 +14,9 @@ from gsut.bounds import name_wrong_kinds
 from gsut.gaussians import SH_C0, Gaussians
 from gsut.render import place_about
 
+# Pixels of the longer side at which renders are compared with photographs.
+LONGER_SIDE = 480
+
 
 @dataclasses.dataclass(frozen=True)
 class SeenView:

@@ -41,7 +41,6 @@ FIGURES = (
 _DETAILS = "detail", "detail_shifted", "wrong_patch", "detail_outside"  # by `measure_details`
 # Called with a view, width and height; returns (height, width) bool, or None if nothing moved.
 FindMoving = Callable[[int, int, int], np.ndarray | None]
-_DEPTH_LEVELS = 65535  # of a 16-bit picture
 _OPAQUE = 0.5  # pixels with less alpha have no depth in the picture
 
 
@@ -271,7 +270,7 @@ def _write_pictures(
     alpha = np.asarray(rendered.alpha, np.float64)
     shown = mask & (alpha >= _OPAQUE)
     distance = np.where(shown, rendered.depth / np.where(shown, alpha, 1.0), 0.0)
-    unit = float(distance.max()) / _DEPTH_LEVELS or 1.0
+    unit = float(distance.max()) / np.iinfo(np.uint16).max or 1.0
     pictures = {
         "truth": photograph * mask[..., None],
         "render": to_uint8(image) * mask[..., None],

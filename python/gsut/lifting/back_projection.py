@@ -14,7 +14,6 @@ from gsut.render import Render, render
 from gsut.run import check_fits
 
 _MOST_CHANNELS = 512  # values of a pixel, or labels: more would be colours or distances by mistake
-_FLOAT_BYTES = 4
 
 
 @name_wrong_kinds
@@ -127,7 +126,7 @@ class _Sums:
     def _widen(self, columns: int) -> None:
         check_fits(
             f"lifting {columns} values onto {self._count:,} Gaussians",
-            2.0 * _FLOAT_BYTES * columns * self._count,
+            2.0 * self._sums.itemsize * columns * self._count,
             "lift fewer at a time, or onto fewer Gaussians (gsut compact)",
         )
         added = np.zeros((self._count, columns - self._sums.shape[1]), np.float32)

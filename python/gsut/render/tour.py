@@ -9,7 +9,6 @@ from gsut.render.paths import find_mean_up, smooth_path
 
 # Photographs on the way: enough to follow a walk, few enough for a calm eye.
 _MOST_STOPS = 24
-_LEAST_STOPS = 2
 # A turn by this angle counts as far as a way of the cameras' spread.
 _TURN_RADIANS = 1.5
 # The way back to the first stop is part of the path where it is at most this many times as
@@ -39,7 +38,7 @@ def make_tour_path(
     up = find_mean_up(poses) if up is None else up
     places = _describe_places(poses)
     stops = _choose_far_places(places, min(_MOST_STOPS, len(poses)))
-    if len(stops) <= _LEAST_STOPS:
+    if len(stops) <= 2:
         return smooth_path(poses[stops], num_frames, up=up)
     apart = np.linalg.norm(places[stops][:, None] - places[stops][None], axis=2)
     tour = _find_short_way(apart)

@@ -16,8 +16,6 @@ from gsut import _core
 from gsut.files import read_text
 from gsut.system import format_command
 
-_MEGABYTE = 2**20
-
 
 def describe_environment(dataset: str | os.PathLike[str] | None = None) -> dict[str, Any]:
     """Describes versions, machine and command line, for environment.json.
@@ -64,7 +62,7 @@ def measure_peak_rss() -> float | None:
     except ImportError:  # Windows
         return None
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    return peak / _MEGABYTE if sys.platform == "darwin" else peak / 1024  # bytes there, KiB here
+    return peak / 2**20 if sys.platform == "darwin" else peak / 1024  # bytes there, KiB here
 
 
 def _read_processor_name() -> str:

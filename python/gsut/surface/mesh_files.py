@@ -24,8 +24,6 @@ _GLB_HEAD = struct.Struct("<4sII")
 _GLB_CHUNK = struct.Struct("<I4s")
 _FLOAT = 5126  # glTF's code of float32
 _UNSIGNED = 5125  # of uint32
-_VERTICES = 34962  # of a buffer of vertices
-_INDICES = 34963  # of a buffer of indices
 
 
 @name_wrong_kinds
@@ -117,9 +115,7 @@ def _write_glb(mesh: Mesh) -> bytes:
     arrays.append(("", mesh.faces.astype(np.uint32)))
     views, accessors, begin = [], [], 0
     for number, (name, array) in enumerate(arrays):
-        target = _VERTICES if name else _INDICES
-        view = {"buffer": 0, "byteOffset": begin, "byteLength": array.nbytes, "target": target}
-        views.append(view)
+        views.append({"buffer": 0, "byteOffset": begin, "byteLength": array.nbytes})
         accessors.append(
             {"bufferView": number, "componentType": _FLOAT, "count": len(array), "type": "VEC3"}
             if name

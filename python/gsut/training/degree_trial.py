@@ -27,6 +27,9 @@ _ASIDE_EVERY = 8
 _MOST_ASIDE = 32
 # Fewest training views of which some can be set aside.
 _FEWEST_VIEWS = 12
+# Least mean gain in dB that decides for the higher degree: any scene gains a little in so few
+# steps. Of few views aside the standard error says less than the mean.
+_LEAST_GAIN = 0.1
 # Bytes of photographs that a short training keeps; others are decoded again.
 _KEPT_BYTES = 1 << 29
 
@@ -86,7 +89,7 @@ def choose_degree(
     gains = measure_gains(scene, options, sizes[0], show)
     gain, error = gains.mean(), gains.std(ddof=1) / np.sqrt(len(gains))
     low, high = _DEGREES
-    chosen = raise_degree(options, high) if gain > error else options
+    chosen = raise_degree(options, high) if gain > _LEAST_GAIN else options
     return chosen, (
         f"harmonics of degree {chosen.sh_degree}: in two short trainings, degree {high} showed "
         f"{len(gains)} photographs set aside {gain:+.2f} +- {error:.2f} dB better than degree "

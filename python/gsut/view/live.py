@@ -18,8 +18,6 @@ from gsut.view.stage import Stage
 
 # Seconds of a paused training between looks at what the page requests.
 _WAIT_SECONDS = 0.2
-# Seconds between such looks while a large frame is drawn, which the next step waits for.
-_LARGE_WAIT_SECONDS = 0.02
 _Result = TypeVar("_Result")
 
 
@@ -27,13 +25,12 @@ class _Job(NamedTuple):
     """Work to do between two steps, and where its answer is waited for."""
 
     work: Callable[[], Any]
-    large: bool
     answer: concurrent.futures.Future[Any]
 
     def do(self, at_once: AtOnce) -> None:
         """Does the work, and passes on its result or what it raises."""
         try:
-            self.answer.set_result(at_once(self.work, self.large))
+            self.answer.set_result(at_once(self.work))
         except Exception as error:  # raised where it was requested
             self.answer.set_exception(error)
 
@@ -109,30 +106,16 @@ class LiveTraining:
             self._stage.gaussians = None  # the next step changes them
 
     def _finish_jobs(self, wait: float) -> None:
-        """Draws what is requested now, or within `wait` seconds; large work beside small.
+        """Draws what is requested now, or within `wait` seconds.
 
         Requests that arrive during this wait for the next step: pages that repeat theirs at once
-        would keep the training forever. While large work is done, small work need not wait.
+        would keep the training forever.
         """
-        large: list[threading.Thread] = []
         for number in range(max(1, self._jobs.qsize())):
             job = self._take_job(0.0 if number else wait)
             if job is None:
                 break
-            if job.large:
-                large.append(threading.Thread(target=job.do, args=(self._at_once,), daemon=True))
-                large[-1].start()
-            else:
-                job.do(self._at_once)  # others draw once it is finished
-        later = []
-        while any(thread.is_alive() for thread in large):
-            job = self._take_job(_LARGE_WAIT_SECONDS)
-            if job is not None and job.large:
-                later.append(job)
-            elif job is not None:
-                job.do(self._at_once)
-        for job in later:
-            self._jobs.put(job)
+            job.do(self._at_once)  # others draw once it is finished
 
     def _take_job(self, seconds: float) -> _Job | None:
         try:
@@ -146,7 +129,7 @@ class LiveTraining:
         with self._lock:
             between = self._state in ("training", "paused")
             if between:
-                self._jobs.put(_Job(work, large, answer))
+                self._jobs.put(_Job(work, answer))
         return answer.result() if between else self._at_once(work, large)
 
     @declare_values({"action?": str})

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import base64
-import dataclasses
 import gzip
 import html
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -33,9 +33,7 @@ _PHOTO_SIDE = 800
 # Longer side in pixels of the picture that programs show beside a link to the page.
 _PREVIEW_SIDE = 1200
 # What the page can show by itself.
-_MODES = ("color", "distance", "alpha", "error")
-# Colours that the page maps distances and errors to, as the viewer does.
-_COLOR_MAPS = ("turbo", "inferno")
+_MODES = ("color", "distance")
 # The page's scripts, in the order in which they run.
 _SCRIPTS = (
     "exact/core.js", "exact/moving.js", "exact/page_server.js", "select.js", "view.js",
@@ -52,10 +50,6 @@ _PACKED = b"GPAG"
 _STEP_SHARE = 1 / 16
 # Percentile of the Gaussians' smallest standard deviations that counts as a small one.
 _FEW_PERCENT = 5.0
-# Digits of the texts that hold bytes: printable, and none that ends or quotes a text.
-_DIGITS = "".join(chr(code) for code in range(33, 127) if chr(code) not in '"<\\')
-# Bits that two of them hold.
-_PAIR_BITS = 13
 # The page may load nothing: scripts, styles, pictures and workers are its own.
 _POLICY = (
     "default-src 'none'; script-src 'unsafe-inline' 'wasm-unsafe-eval' blob:; worker-src blob:; "
@@ -67,33 +61,21 @@ _NOTICE = (
 )
 
 
-@dataclasses.dataclass(frozen=True)
-class PageSettings:
-    """What a page carries beside the scene.
-
-    Attributes:
-        photographs: how many held-out photographs at most; the others are left out.
-        title: of the page; the stage's name if None.
-        views: to choose from; the page starts at the first.
-        address: where the page will be published; programs that show links then find a picture,
-            which is written beside the page as .jpg.
-        credit: who made the scene.
-    """
-
-    photographs: int
-    title: str | None = None
-    views: tuple[NamedView, ...] = ()
-    address: str | None = None
-    credit: str | None = None
-
-
-def write_page(path: Path, session: Any, settings: PageSettings) -> Any:
+def write_page(
+    path: Path, session: Any, photographs: int, views: Sequence[NamedView] = (),
+    title: str | None = None, address: str | None = None, credit: str | None = None,
+) -> Any:  # fmt: skip
     """Writes a page that shows a stage by gsut's own renderer, without a server.
 
     Args:
         path: of the page, .html.
         session: a `Session` of a stage with Gaussians.
-        settings: what the page carries beside the scene.
+        photographs: how many held-out photographs at most; the others are left out.
+        views: to choose from; the page starts at the first.
+        title: of the page; the stage's name if None.
+        address: where the page will be published; programs that show links then find a picture,
+            which is written beside the page as .jpg.
+        credit: who made the scene.
 
     Returns:
         What became of the Gaussians, which the page holds as SPZ does.
@@ -106,15 +88,15 @@ def write_page(path: Path, session: Any, settings: PageSettings) -> Any:
         scene = Path(folder) / "scene.spz"
         written = save_gaussians(scene, whole, WriteSettings(antialiased=stage.antialiased))
         packed = _pack_scene(unpack_gzip(read_bytes(scene), scene, _MOST_BYTES))
-    content = _describe(session, _choose_photographs(stage, settings.photographs))
+    content = _describe(session, _choose_photographs(stage, photographs))
     content["origin"] = prepare_for_file(whole).origin
-    if settings.title is not None:
-        content["scene"]["name"] = settings.title
-    content["scene"]["credit"] = settings.credit
-    content["scene"]["presets"] = [_add_view(view, stage, content) for view in settings.views]
-    if settings.address is not None:
-        write_file(path.with_suffix(".jpg"), _draw_preview(session, settings))
-    write_file(path, _assemble(content, packed, _describe_link(path, content, settings)))
+    if title is not None:
+        content["scene"]["name"] = title
+    content["scene"]["credit"] = credit
+    content["scene"]["presets"] = [_add_view(view, stage, content) for view in views]
+    if address is not None:
+        write_file(path.with_suffix(".jpg"), _draw_preview(session, views))
+    write_file(path, _assemble(content, packed, _describe_link(path, content["scene"], address)))
     return written
 
 
@@ -128,13 +110,12 @@ def _add_view(view: NamedView, stage: Stage, content: dict[str, Any]) -> dict[st
     return {"name": view.name, "lens": lens, "turns": view.turns, "poses": poses}
 
 
-def _draw_preview(session: Any, settings: PageSettings) -> bytes:
+def _draw_preview(session: Any, views: Sequence[NamedView]) -> bytes:
     """Draws the page's first view as JPEG."""
     stage = session.stage
     camera, pose, turns = stage.cameras[0], stage.place()["pose"], 0
-    if settings.views:
-        first = settings.views[0]
-        camera, pose, turns = first.camera, first.poses[0], first.turns
+    if views:
+        camera, pose, turns = views[0].camera, views[0].poses[0], views[0].turns
     width, height = turn_size(camera.width, camera.height, turns)
     shrink = _PREVIEW_SIDE / max(width, height)
     wanted = {
@@ -144,15 +125,14 @@ def _draw_preview(session: Any, settings: PageSettings) -> bytes:
     return bytes(session.draw_frame(wanted).content)
 
 
-def _describe_link(path: Path, content: dict[str, Any], settings: PageSettings) -> str:
+def _describe_link(path: Path, scene: dict[str, Any], address: str | None) -> str:
     """Describes the page to programs that show a link to it (Open Graph)."""
-    count, address = content["scene"]["num_gaussians"], settings.address
     values = {
-        "title": content["scene"]["name"], "type": "website",
-        "description": f"A scene of {count:,} Gaussians to walk through",
+        "title": scene["name"], "type": "website",
+        "description": f"A scene of {scene['num_gaussians']:,} Gaussians to walk through",
     }  # fmt: skip
-    if settings.credit is not None:
-        values["description"] += f" · {settings.credit}"
+    if scene["credit"] is not None:
+        values["description"] += f" · {scene['credit']}"
     if address is not None:
         picture = urljoin(address, path.with_suffix(".jpg").name)
         values |= {"url": address, "image": picture}
@@ -224,17 +204,8 @@ def _pack_scene(spz: bytes) -> bytes:
 
 
 def _encode(data: bytes) -> str:
-    """Compresses bytes and writes them as text, two of 91 digits for 13 bits.
-
-    The first character is the number of bytes that the last digits hold too many.
-    """
-    packed = np.frombuffer(gzip.compress(data, 9, mtime=0), np.uint8)
-    bits = np.unpackbits(packed)
-    rows = np.pad(bits, (0, -len(bits) % _PAIR_BITS)).reshape(-1, _PAIR_BITS)
-    words = rows @ (1 << np.arange(_PAIR_BITS)[::-1])
-    digits = np.frombuffer(_DIGITS.encode(), np.uint8)
-    pairs = digits[np.stack(np.divmod(words, len(_DIGITS)), axis=1)]
-    return f"{rows.size // 8 - len(packed)}{pairs.tobytes().decode()}"
+    """Compresses bytes and writes them as text."""
+    return base64.b64encode(gzip.compress(data, 9, mtime=0)).decode()
 
 
 def _embed(name: str, kind: str, text: str) -> str:
@@ -278,7 +249,7 @@ def _describe(session: Any, rows: list[int]) -> dict[str, Any]:
         "scene": scene, "lenses": lenses, "photographs": photographs, "motions": motions,
         "background": stage.background,
         "offset": np.zeros(3) if stage.scene is None else stage.scene.world_offset,
-        "colors": {name: _sample_colors(name) for name in _COLOR_MAPS},
+        "colors": _sample_colors(),
     }  # fmt: skip
 
 
@@ -302,10 +273,10 @@ def _describe_motion(view: Any) -> dict[str, Any] | None:
     }  # fmt: skip
 
 
-def _sample_colors(name: str) -> list[int]:
-    """Samples a colour map at 256 steps, red, green, blue."""
+def _sample_colors() -> list[int]:
+    """Samples the colour map of distances at 256 steps, red, green, blue, as the viewer has it."""
     import cv2
 
     steps = np.arange(256, dtype=np.uint8)[:, None]
-    mapped = cv2.applyColorMap(steps, getattr(cv2, f"COLORMAP_{name.upper()}"))
+    mapped = cv2.applyColorMap(steps, cv2.COLORMAP_TURBO)
     return [int(value) for value in mapped[:, 0, ::-1].ravel()]

@@ -24,14 +24,12 @@ from gsut.view.frame_request import FRAME, MODES, POSE, SIZE, TURNS, FrameReques
 from gsut.view.frames import Frames
 from gsut.view.lenses import LENS, Lenses
 from gsut.view.named_views import read_named_view
-from gsut.view.page_file import PageSettings, write_page
+from gsut.view.page_file import write_page
 from gsut.view.selections import STEPS, Selections
 from gsut.view.server import Reply, Route, declare_values
 from gsut.view.shown_gaussians import ShownGaussians
 from gsut.view.stage import Stage
 
-# Longer side of a thumbnail in pixels.
-_THUMBNAIL = 160
 # JPEG quality of a photograph.
 _PHOTO_QUALITY = 90
 # Quality of a photograph as WebP, in a page of one file: as good to the eye, half the bytes.
@@ -44,7 +42,7 @@ _MOST_DECODING = 2
 _MOST_KEYS = 20_000
 # Shape of a request for a photograph.
 _PHOTOGRAPH = {
-    "view": Number(whole=True), "side?": Number(1, whole=True), "mask?": bool, "kind?": str,
+    "view": Number(whole=True), "side": Number(1, whole=True), "mask?": bool, "kind?": str,
 }  # fmt: skip
 _Result = TypeVar("_Result")
 
@@ -109,9 +107,9 @@ class Session:
         views: Sequence[str] = (), address: str | None = None, credit: str | None = None,
     ) -> Any:  # fmt: skip
         """Writes the page with the scene in it as one file; views: "NAME=WHERE", else as
-        `PageSettings`."""
-        named = tuple(read_named_view(text, self.stage) for text in views)
-        return write_page(path, self, PageSettings(photographs, title, named, address, credit))
+        `page_file.write_page`."""
+        named = [read_named_view(text, self.stage) for text in views]
+        return write_page(path, self, photographs, named, title, address, credit)
 
     def describe_scene(self, _: dict[str, Any]) -> Reply:
         """Returns everything that the page needs at its start."""
@@ -150,7 +148,7 @@ class Session:
         import cv2
 
         scene = self._require_scene()
-        index, side = int(values["view"]), values.get("side", _THUMBNAIL)
+        index, side = int(values["view"]), int(values["side"])
         if not 0 <= index < len(scene):
             raise InputError(f"there is no photograph {index}; there are {len(scene)}")
         with self._decoding:

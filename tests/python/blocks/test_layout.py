@@ -14,7 +14,7 @@ from tolerances.blocks import MOST_OF_A_SHARE
 def test_bisection_gives_each_block_its_share_of_the_work(rng, count):
     points = rng.normal(size=(5000, 3)) * (5, 1, 3)
     work = rng.exponential(size=5000)
-    layout = cut_scene(points, work, rng.normal(size=(10, 3)), count)
+    layout = cut_scene(points, work, count)
     owners = layout.find_owners(points)
     assert len(layout) == count
     shares = np.bincount(owners, work, minlength=count) / work.sum()
@@ -30,28 +30,13 @@ def test_every_point_has_one_owner_and_cuts_are_half_open(rng):
     assert len(layout) == 3
 
 
-def test_far_things_are_a_block_of_their_own_where_they_are_worth_it(rng):
-    cameras = rng.uniform(-1, 1, (20, 3))
-    near, far = rng.uniform(-3, 3, (900, 3)), rng.normal(size=(100, 3)) * 1000
-    points = np.concatenate([near, far])
-    worth = cut_scene(points, np.ones(1000), cameras, 4)
-    assert worth.near is None  # a tenth of the work, less than half of a block's
-    layout = cut_scene(points, np.r_[np.ones(900), np.full(100, 3.0)], cameras, 4)
-    owners = layout.find_owners(points)
-    assert len(layout) == 4
-    assert layout.near is not None
-    outside = (np.abs(points) > 20).any(axis=1)
-    assert (owners[outside] == 3).all()
-    assert set(owners[:900]) == {0, 1, 2}
-
-
 def test_points_at_one_place_are_one_block():
-    assert len(cut_scene(np.ones((9, 3)), np.ones(9), np.zeros((2, 3)), 4)) == 1
+    assert len(cut_scene(np.ones((9, 3)), np.ones(9), 4)) == 1
 
 
 def test_layout_is_read_back_as_written(rng, tmp_path):
     points = rng.normal(size=(300, 3))
-    layout = cut_scene(points, np.ones(300), points[:4], 5)
+    layout = cut_scene(points, np.ones(300), 5)
     file = tmp_path / "layout.json"
     file.write_text(json.dumps(layout.as_dict()))
     assert Layout.read(str(file)) == layout
@@ -59,9 +44,8 @@ def test_layout_is_read_back_as_written(rng, tmp_path):
 
 @pytest.mark.parametrize(
     "content",
-    ["[1, 2", "[]", '{"tree": 3, "near": null}', '{"tree": {"axis": 3}, "near": null}',
-     '{"tree": null, "near": 4}'],
-)  # fmt: skip
+    ["[1, 2", "[]", '{"tree": 3}', '{"tree": {"axis": 3}}'],
+)
 def test_damaged_layout_is_refused_by_its_name(tmp_path, content):
     file = tmp_path / "layout.json"
     file.write_text(content)

@@ -182,7 +182,7 @@ def test_page_draws_every_lens_and_measures(window, tmp_path, scene, gaussians):
         window.wait("!busy && !wanted")
     window.run("goTo(0); state.lossless = false;")
     window.wait("JSON.parse(document.body.dataset.frame).view === 0 && !busy && !wanted")
-    for mode in ("distance", "alpha", "error", "color"):
+    for mode in ("distance", "color"):
         window.run(f"choose('modes', '{mode}');")
         window.wait(f"JSON.parse(document.body.dataset.frame).mode === '{mode}'")
     found = window.run("""

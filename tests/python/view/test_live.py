@@ -133,25 +133,6 @@ def test_a_page_that_asks_again_at_once_does_not_keep_the_training(scene):
     assert answered == list(range(1, STEPS + 1))
 
 
-def test_large_frame_of_a_training_holds_no_small_request(scene):
-    live, small, answered = LiveTraining(scene, options()), threading.Event(), []
-
-    def draw_large():
-        threading.Thread(target=live._draw, args=(small.set,), daemon=True).start()
-        answered.append(small.wait(20))
-
-    def watch(loop, row):
-        if loop.step == 1:
-            live.watch(loop, {})
-            threading.Thread(target=live._draw, args=(draw_large, True), daemon=True).start()
-            while live._jobs.empty():
-                time.sleep(1e-4)
-        return live.watch(loop, row)
-
-    live.finish(gsut.train(scene, options(), progress=False, watch=watch).gaussians)
-    assert answered == [True]
-
-
 def test_training_pauses_goes_on_and_stops_with_what_there_is(scene, tmp_path):
     live = LiveTraining(scene, options())
     told = lambda **values: live.session.routes["training"](values).content  # noqa: E731

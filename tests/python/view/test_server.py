@@ -126,7 +126,7 @@ def test_other_files_are_not_served(server, name):
         ("lens", {"path": "/no/lens.yaml"}, "no such lens file"),
         ("lens", {"name": "a.yaml", "base64": "bm90OiBhIGxlbnM="}, "a.yaml: "),
         ("lens", {"name": "a.yaml", "base64": "abc"}, "cannot be understood"),
-        ("photo", {"view": 0}, "no photographs here"),
+        ("photo", {"view": 0, "side": 8}, "no photographs here"),
         ("pick", {}, "pick lacks 'frame'"),
         ("pick", {"frame": frame(), "pixel": [float("nan"), 1]}, "pick['pixel'] is [nan, 1]"),
         ("pick", {"frame": [], "pixel": [1, 1]}, "pick['frame'] is []"),

@@ -12,8 +12,6 @@ from gsut.compact.refit import refit_colors
 from gsut.compact.scores import SeenView, blend_weights
 from gsut.gaussians import Gaussians
 
-_REFIT_ROUNDS = 2  # of the colours; a third gains hardly anything
-
 
 def _reduce(
     gaussians: Gaussians,
@@ -24,7 +22,7 @@ def _reduce(
     on_view: Callable[[], object],
 ) -> Gaussians:
     merged = merge(gaussians, target, scores)
-    return refit_colors(merged, gaussians, views, _REFIT_ROUNDS, on_view) if views else merged
+    return refit_colors(merged, gaussians, views, on_view=on_view) if views else merged
 
 
 METHOD = Method(_reduce, blend_weights)

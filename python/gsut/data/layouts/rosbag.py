@@ -75,29 +75,17 @@ class _Camera:
             self.problem = self.problem or error
 
 
-def find_transform(
-    parents: Mapping[str, tuple[str, np.ndarray]], target: str, source: str
-) -> np.ndarray | None:
-    """Finds target_from_source (4, 4) between frames that do not move against each other.
+def _find_root(parents: Mapping[str, tuple[str, np.ndarray]], frame: str) -> tuple[str, np.ndarray]:
+    """Finds the frame above all others of /tf_static, and the transform (4, 4) from this one.
 
-    Args:
-        parents: of /tf_static: of each frame the one above it, and the transform to that.
-        target, source: names of frames.
-
-    Returns:
-        None if the two are not connected.
+    `parents` has the frame above each, and the transform to that.
     """
-
-    def list_above(frame: str) -> dict[str, np.ndarray]:
-        found, pose = {frame: np.eye(4)}, np.eye(4)
-        while frame in parents and parents[frame][0] not in found:
-            frame, step = parents[frame]
-            found[frame] = pose = step @ pose
-        return found
-
-    above, below = list_above(target), list_above(source)
-    shared = next((frame for frame in below if frame in above), None)
-    return None if shared is None else invert_pose(above[shared]) @ below[shared]
+    pose, seen = np.eye(4), {frame}
+    while frame in parents and parents[frame][0] not in seen:
+        frame, step = parents[frame]
+        pose = step @ pose
+        seen.add(frame)
+    return frame, pose
 
 
 def is_bag(path: Path) -> bool:
@@ -258,12 +246,7 @@ def _decode_pixels(message: Any, data: bytes, where: str) -> np.ndarray:
     kind = np.dtype(f"{'>' if message.is_bigendian else '<'}u{int(bits) // 8}")
     channels, conversion = _ENCODINGS[order]
     width, height, step = int(message.width), int(message.height), int(message.step)
-    row = width * channels * kind.itemsize
-    if step < row or len(data) < step * height:
-        raise InputError(
-            f"{where}: a picture of {width} x {height} '{message.encoding}' has {len(data)} bytes "
-            f"and a step of {step}; the bag may be damaged"
-        )
+    row = width * channels * kind.itemsize  # too few bytes or a step below it: a damaged bag
     rows = np.frombuffer(data, np.uint8, step * height).reshape(height, step)[:, :row]
     pixels = np.ascontiguousarray(rows).view(kind).reshape(height, width, channels)
     pixels = pixels.astype(kind.newbyteorder("="))
@@ -302,7 +285,12 @@ def _make_recording(
             raise camera.problem
         if camera.lens is None:
             raise DatasetError(where, "there is no camera_info of it", "give its lens with --lens")
-        place = find_transform(parents, camera.frame, child) if child and camera.frame else None
+        place = None
+        if child and camera.frame:
+            (above, pose), (other, of_child) = (
+                _find_root(parents, frame) for frame in (camera.frame, child)
+            )
+            place = invert_pose(pose) @ of_child if above == other else None
         missing = f"/tf_static has no transform to '{camera.frame}' from '{child}', of the poses"
         return Mount(camera.lens, f"{where}: {missing}", place)
 

@@ -37,13 +37,11 @@ class Trajectory:
         source: the file.
         labels: of each pose, its time or the name of its image, as the file has it; None where the
             file has poses alone (KITTI).
-        places: line or name of each, for messages.
         poses: (N, 4, 4) to the world, of what the file says it is.
     """
 
     source: Path
     labels: tuple[str, ...] | None
-    places: tuple[str, ...]
     poses: np.ndarray
 
     def __len__(self) -> int:
@@ -71,9 +69,9 @@ def read_trajectory(source: Path, on_error: OnError) -> Trajectory:
         DatasetError: the file is missing, no text, or has no poses.
     """
     if source.suffix.lower() == ".json":
-        labels, places, makers = _read_json_rows(source)
+        labels, makers = _read_json_rows(source)
     else:
-        labels, places, makers = _read_table_rows(source)
+        labels, makers = _read_table_rows(source)
     if not makers:
         raise DatasetError(source, "it holds no pose", _ADVICE)
     kept, poses = [], []
@@ -86,30 +84,27 @@ def read_trajectory(source: Path, on_error: OnError) -> Trajectory:
     return Trajectory(
         source,
         None if labels is None else tuple(labels[i] for i in kept),
-        tuple(places[i] for i in kept),
         np.array(poses).reshape(-1, 4, 4),
     )
 
 
 _Make = Callable[[], np.ndarray]
-_Rows = tuple[list[str] | None, list[str], list[_Make]]
+_Rows = tuple[list[str] | None, list[_Make]]
 
 
 def _read_json_rows(source: Path) -> _Rows:
     values = read_json(source)
     if not isinstance(values, dict):
         raise DatasetError(source, "not an object of names and matrices", _ADVICE)
-    places = [f"{source}, image {name}" for name in values]
     makers = [
-        functools.partial(check_rigid, matrix, place)
-        for matrix, place in zip(values.values(), places, strict=True)
+        functools.partial(check_rigid, matrix, f"{source}, image {name}")
+        for name, matrix in values.items()
     ]
-    return list(values), places, list[_Make](makers)
+    return list(values), list[_Make](makers)
 
 
 def _read_table_rows(source: Path) -> _Rows:
     labels: list[str] = []
-    places: list[str] = []
     makers: list[_Make] = []
     w_first: bool | None = None
     kitti: bool | None = None
@@ -124,7 +119,6 @@ def _read_table_rows(source: Path) -> _Rows:
         place = f"{source}, line {number}"
         if kitti is None:
             kitti = len(line.split()) == _KITTI and all(is_time(v) for v in line.split())
-        places.append(place)
         if kitti:
             makers.append(functools.partial(_parse_kitti_pose, line, place))
             continue
@@ -135,7 +129,7 @@ def _read_table_rows(source: Path) -> _Rows:
         labels.append(fields[0].strip())
         order = with_commas if w_first is None else w_first
         makers.append(functools.partial(_parse_pose, fields, order, place, line))
-    return None if kitti else labels, places, makers
+    return None if kitti else labels, makers
 
 
 def _is_heading(line: str) -> bool:

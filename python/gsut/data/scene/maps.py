@@ -10,23 +10,21 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.data.scene.depth_form import MILLIMETRE, DepthForm
+from gsut.data.scene.depth_form import DISTANCES
 from gsut.data.scene.scene import Scene
 from gsut.files import Array, read_npy, read_picture, register_reader
 
 _HALF_PIXEL = 0.5  # the height of smaller depths of the same shape is rounded by this much
 
 
-def read_depth(
-    scene: Scene, view: int, path: Path | None = None, unit: float = MILLIMETRE
-) -> np.ndarray | None:
+def read_depth(scene: Scene, view: int, path: Path | None = None) -> np.ndarray | None:
     """Reads the distances along the rays of a view.
 
     Args:
         scene: the dataset.
         view: index of the view.
-        path: the file; None: the one that the dataset names, in the form that it states.
-        unit: of `path`: world units of a level of 16-bit pictures.
+        path: a file of distances, levels of 16 bits are thousandths; None: the one that the
+            dataset names, in the form that it states.
 
     Returns:
         (H, W) distances at the file's size, NaN where the sensor is not sure; None where there is
@@ -35,7 +33,7 @@ def read_depth(
     Raises:
         InputError: damaged, or of another shape than the image.
     """
-    form = scene.views[view].depth_form if path is None else DepthForm(unit)
+    form = scene.views[view].depth_form if path is None else DISTANCES
     path = scene.views[view].depth_path if path is None else path
     if path is None or not path.is_file():
         return None

@@ -13,8 +13,6 @@ from gsut.surface.depth_map import DepthMap
 from gsut.surface.stereo.normals import fit_normals
 from gsut.surface.stereo.sweep import OnView, Shown, find_distances, ignore_view
 
-_FEWEST_VIEWS = 2  # without another view nothing can be compared
-
 
 @name_wrong_kinds
 def find_depth_maps(
@@ -45,7 +43,7 @@ def find_depth_maps(
             anything is alike.
     """
     chosen = list(range(len(scene.views))) if views is None else list(views)
-    if len(scene.views) < _FEWEST_VIEWS:
+    if len(scene.views) < 2:
         raise InputError(f"{scene.path} has one view; stereo compares at least two")
     unknown = [view for view in chosen if not 0 <= view < len(scene.views)]
     if unknown:

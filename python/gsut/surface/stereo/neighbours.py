@@ -10,6 +10,8 @@ from gsut.data import Scene
 from gsut.data.scene import project_points
 from gsut.surface.stereo.photograph import Photograph
 
+# Percentiles of a view's depths at which its neighbours are chosen.
+MIDDLE = (15.0, 50.0, 85.0)
 # Most neighbours: of them the best three count, as some see something else.
 _MOST = 6
 # Rays a side of the view that neighbours are chosen by.

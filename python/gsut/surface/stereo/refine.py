@@ -14,13 +14,11 @@ import numpy as np
 
 from gsut.data import Scene
 from gsut.surface.depth_map import DepthMap, list_views
-from gsut.surface.stereo.neighbours import choose_neighbours
+from gsut.surface.stereo.neighbours import MIDDLE, choose_neighbours
 from gsut.surface.stereo.photograph import Photograph
 
 # Neighbours of a view: more cost time and gain nothing.
 _NEIGHBOURS = 3
-# Percentiles of a view's depths at which its neighbours are chosen.
-_MIDDLE = (15.0, 50.0, 85.0)
 # Times the weight of a depth that no windows confirm.
 _UNSURE = 0.25
 # Pixels from the middle of a window to its sides.
@@ -104,6 +102,6 @@ def _look_around(scene: Scene, row: int, m: DepthMap) -> tuple[np.ndarray, list[
     known = m.depth[np.isfinite(m.depth)]
     beside = []
     if len(known):
-        distances = np.percentile(known, _MIDDLE).tolist()
+        distances = np.percentile(known, MIDDLE).tolist()
         beside = choose_neighbours(scene, row, photograph, distances)
     return np.where(mask, grey, np.float32(np.nan)), beside

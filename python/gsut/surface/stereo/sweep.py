@@ -20,7 +20,7 @@ import numpy as np
 
 from gsut import _core
 from gsut.data import Scene
-from gsut.surface.stereo.neighbours import choose_neighbours
+from gsut.surface.stereo.neighbours import MIDDLE, choose_neighbours
 from gsut.surface.stereo.photograph import CELL, Photograph, shrink
 
 # Longer side of the compared photographs in pixels, and distances that are tried, evenly in their
@@ -40,8 +40,6 @@ _LOOK_AT = (0.3, 1.0, 3.0)
 _LOOK_ALIKE = 0.5
 # Percentiles of the inverse distances found that bound the range.
 _RANGE = (2.0, 98.0)
-# Percentiles at which neighbours are chosen.
-_MIDDLE = (15.0, 50.0, 85.0)
 # Factor by which the range is widened on both sides.
 _WIDER = 1.25
 # Least distance of a point from a camera, x scene extent.
@@ -164,7 +162,7 @@ def _find_range(
         if len(found) < _FEWEST:
             return None
     far, near = np.percentile(found, _RANGE)
-    middle = (1 / np.percentile(found, _MIDDLE)).tolist()
+    middle = (1 / np.percentile(found, MIDDLE)).tolist()
     return (float(near) * _WIDER, float(far) / _WIDER), middle
 
 

@@ -8,14 +8,10 @@ const MOST_WORKERS = 4;
 const KEPT_LENSES = 64;
 // Alpha above which a pixel shows something.
 const SEEN = 0.5;
-// Error, of full scale, that is shown in the last colour.
-const MOST_ERROR = 0.25;
 // Percentiles of the distances that the colours span.
 const RANGE = [0.02, 0.98];
 // Most pixels along a side of a lens from a file.
 const MOST_SIDE = 65536;
-// Most parameters with a slider.
-const MOST_SLIDERS = 24;
 // Columns at which the field of view is measured, and bisections of a focal length.
 const FIELD_SAMPLES = 129, SEARCH_STEPS = 60;
 
@@ -206,20 +202,13 @@ class PageServer {
     });
   }
   describe(number) {
-    const lens = this.lenses[number], names = this.models[lens.model].names.split(" "), sliders = [];
+    const lens = this.lenses[number], names = this.models[lens.model].names.split(" ");
     const described = this.borrow(lens, (camera) => {
       const { rays, valid } = this.core.unproject(camera, [lens.width / 2 - 0.5, lens.height / 2, lens.width / 2 + 0.5, lens.height / 2]);
       const apart = Math.hypot(rays[1] * rays[5] - rays[2] * rays[4], rays[2] * rays[3] - rays[0] * rays[5], rays[0] * rays[4] - rays[1] * rays[3]);
       return { max_angle: this.core.describeCamera(camera).max_angle * 180 / Math.PI, radians_per_pixel: (valid[0] && valid[1] && apart) || 1 / lens.width };
     });
-    for (const [k, value] of lens.params.slice(0, MOST_SLIDERS).entries()) {
-      const name = names[k] ?? "...";
-      if (name === "control_points") break;
-      const most = Math.max(3 * Math.abs(value), 0.05);
-      const [low, high] = name === "fx" || name === "fy" ? [value / 4, value * 4] : name === "cx" ? [0, lens.width] : name === "cy" ? [0, lens.height] : [-most, most];
-      sliders.push({ name: name === "..." ? `coefficient ${k + 1}` : name, value, low, high });
-    }
-    return { id: number, ...lens, params: lens.params.slice(0, MOST_SLIDERS), sliders, field_of_view: this.fieldOf(lens), can_zoom: names.includes("fx") && names.includes("fy"), ...described };
+    return { id: number, ...lens, sliders: [], field_of_view: this.fieldOf(lens), can_zoom: names.includes("fx") && names.includes("fy"), ...described };
   }
   async makeLens(values) {
     let lens = this.lenses[values.id ?? 0];
@@ -227,7 +216,6 @@ class PageServer {
     if (values.name) {
       lens = readLensFile(this.core, values.name, new TextDecoder().decode(Uint8Array.from(atob(values.base64), (letter) => letter.charCodeAt(0))));
     }
-    if (values.params) lens = { ...lens, params: [...values.params, ...lens.params.slice(values.params.length)] };
     const names = this.models[lens.model].names.split(" "), at = names.indexOf("cx");
     if (values.fit && at >= 0 && !this.models[lens.model].has_table) {
       const wide = Math.max(1, Math.round(lens.height * values.fit[0] / values.fit[1]));
@@ -263,7 +251,7 @@ class PageServer {
   draw(values, depth) { return this.inTurn(() => this.drawRows(values, depth)); }
   async drawRows(values, depth) { // all rows by all workers, as floats
     const lens = this.resize(values.lens, values.width, values.height), { width, height } = lens, rows = Math.ceil(height / 16);
-    const background = this.content.background ?? [0, 0, 0], alpha = depth || values.mode === "alpha" || !this.content.background;
+    const background = this.content.background ?? [0, 0, 0], alpha = depth || !this.content.background;
     const job = { lens, background, alpha, depth, ...this.place(values) };
     const whole = Object.assign(await this.drawOnWorkers(lens, job, rows), { width, height, lens });
     if (!this.content.background) this.core.fillSurroundings(whole);
@@ -299,14 +287,9 @@ class PageServer {
     if (values.moving && this.isSmooth(values)) return this.drawMoving(values, turns);
     const began = performance.now(), drawn = await this.draw(values, values.mode === "distance"), { width, height } = drawn;
     const data = new ImageData(width, height), out = data.data;
-    const span = values.mode === "distance" ? this.colorDistances(drawn, out) : values.mode === "error" ? await this.colorErrors(drawn, values.view, turns, out) : null;
+    const span = values.mode === "distance" ? this.colorDistances(drawn, out) : null;
     if (!span) {
-      const gray = values.mode === "alpha", from = gray ? drawn.alpha : drawn.image, step = gray ? 1 : 3, next = gray ? 0 : 1;
-      for (let i = 0, at = 0; i < width * height; i++, at += step) {
-        out[4 * i] = 255 * from[at];
-        out[4 * i + 1] = 255 * from[at + next];
-        out[4 * i + 2] = 255 * from[at + 2 * next];
-      }
+      for (let i = 0; i < width * height; i++) for (let k = 0; k < 3; k++) out[4 * i + k] = 255 * drawn.image[3 * i + k];
     }
     for (let i = 3; i < out.length; i += 4) out[i] = 255;
     const picture = Object.assign(document.createElement("canvas"), { width, height }), brush = picture.getContext("2d");
@@ -315,30 +298,15 @@ class PageServer {
     const by = `WebAssembly on ${this.workers.length} thread${this.workers.length > 1 ? "s" : ""}`;
     return { picture: turns ? turnedPicture(picture, turns) : picture, span, way: `${Math.round(performance.now() - began)} ms, ${by}` };
   }
-  paint(out, i, level, map) {
-    const at = 3 * Math.max(0, Math.min(255, Math.round(255 * level))), colors = this.content.colors[map];
-    for (let k = 0; k < 3; k++) out[4 * i + k] = colors[at + k];
-  }
   colorDistances({ alpha, depth }, out) {
     const distance = depth.map((value, i) => (alpha[i] > SEEN ? value / alpha[i] : NaN)), known = distance.filter(Number.isFinite).sort();
     const pick = (share) => known[Math.round(share * (known.length - 1))];
     const near = known.length ? pick(RANGE[0]) : 1, far = Math.max(known.length ? pick(RANGE[1]) : 2, near * 1.001 + 1e-9);
-    distance.forEach((value, i) => value === value && this.paint(out, i, (1 / value - 1 / far) / (1 / near - 1 / far), "turbo"));
+    distance.forEach((value, i) => {
+      const at = 3 * Math.max(0, Math.min(255, Math.round(255 * (1 / value - 1 / far) / (1 / near - 1 / far))));
+      if (value === value) for (let k = 0; k < 3; k++) out[4 * i + k] = this.content.colors[at + k];
+    });
     return `${near} ${far}`;
-  }
-  async colorErrors({ width, height, image, valid }, view, turns, out) {
-    const shown = await createImageBitmap(await (await fetch(this.photo(view))).blob(), { colorSpaceConversion: "none" });
-    const picture = turns ? turnedPicture(shown, 4 - turns) : shown;
-    const brush = Object.assign(document.createElement("canvas"), { width, height }).getContext("2d");
-    brush.imageSmoothingQuality = "high";
-    brush.drawImage(picture, 0, 0, width, height);
-    const truth = brush.getImageData(0, 0, width, height).data;
-    for (let i = 0; i < width * height; i++) {
-      if (!valid[i]) continue;
-      const off = [0, 1, 2].reduce((sum, k) => sum + Math.abs(Math.max(0, Math.min(1, image[3 * i + k])) - truth[4 * i + k] / 255), 0) / 3;
-      this.paint(out, i, off / MOST_ERROR, "inferno");
-    }
-    return `0 ${MOST_ERROR}`;
   }
   drawMarks(brush, lens, { pose, marks }) {
     const inCamera = (p) => [0, 1, 2].map((k) => pose[4 * k] * p[0] + pose[4 * k + 1] * p[1] + pose[4 * k + 2] * p[2] + pose[4 * k + 3]);
