@@ -61,12 +61,10 @@ Rig ReadRig(const py::object& object) {
 }
 
 // (S, 3) int32: point, image, feature.
-// elements: which list of a point's, those that agree with it or those held out.
-py::array WriteObservations(const Structure& structure,
-                            std::vector<TrackElement> StructurePoint::*elements) {
+py::array WriteObservations(const Structure& structure) {
   std::vector<std::int32_t> observations;
   for (std::size_t i = 0; i < structure.points.size(); ++i) {
-    for (const TrackElement& observation : structure.points[i].*elements) {
+    for (const TrackElement& observation : structure.points[i].observations) {
       observations.insert(observations.end(),
                           {static_cast<std::int32_t>(i), observation.image, observation.feature});
     }
@@ -127,14 +125,11 @@ py::dict WriteStructure(const Structure& structure) {
   result["camera_from_body"] = camera_from_body;
   result["points"] = positions;
   result["point_errors"] = errors;
-  result["observations"] = WriteObservations(structure, &StructurePoint::observations);
+  result["observations"] = WriteObservations(structure);
   result["observations_in_camera"] = observations_in_camera;
-  result["held_out_observations"] = WriteObservations(structure, &StructurePoint::held_out);
   result["lens_params"] = lens_params;
   result["rms"] = structure.rms;
   result["median"] = structure.median;
-  result["held_out"] = structure.held_out;
-  result["num_held_out"] = structure.num_held_out;
   result["initial_pair"] = py::make_tuple(structure.initial_first, structure.initial_second);
   result["restarts"] = structure.restarts;
   result["failure"] = structure.failure;
@@ -255,7 +250,6 @@ Inputs ReadInputs(const std::vector<const Camera*>& cameras,
   settings.Read("min_angle", &options.min_angle);
   settings.Read("min_inliers", &options.min_inliers);
   settings.Read("loss_scale", &options.loss_scale);
-  settings.Read("hold_out_every", &options.hold_out_every);
   settings.Read("thin_from", &options.thin_from);
   settings.Read("covariances", &options.covariances);
   settings.Read("seed", &options.seed);

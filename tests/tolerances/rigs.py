@@ -16,10 +16,6 @@ RIG_REFINED_DEGREES = 0.021  # left of 0.5, 3 seeds; worst 0.0107
 RIG_REFINED_SHARE = 0.0035  # of the baseline, left of 0.01, 3 seeds; worst 0.0017
 RIG_FOUND_DEGREES = 0.11  # a rig and its two lenses found from 8 frames, 3 seeds; worst 0.055
 RIG_FOUND_LENS_PX = 0.5  # focal lengths and centres of these lenses; worst 0.25
-AROUND_SCALE_PERCENT = 1.0  # four moments of four fisheyes at 128 x 128; worst 0.57
-AROUND_METRES = 0.0074  # centres there, no scale taken out; worst 0.0044
-AROUND_COVERED = 0.98  # share of the pixels with a depth; worst 1.0
-AROUND_DEPTH = 0.064  # relative, median, after 100 steps; worst 0.032
 RIG_CENTER_PX = 0.042  # principal points of two estimated lenses on a refined rig; worst 0.0207
 RIG_ROLLING_EXACT = (
     1e-9  # centres of rigs with rolling shutters from exact tracks, 4 kinds; worst 5e-10, since

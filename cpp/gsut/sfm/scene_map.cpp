@@ -77,23 +77,16 @@ int SceneMap::ScoreCell(const TrackElement& element) const {
   return place(pixel.y(), camera.height()) * kScoreSide + place(pixel.x(), camera.width());
 }
 
-// Every n-th longer track keeps one of its observations out of everything: errors there are those
-// of a prediction, which show a wrong lens or shutter where fitted residuals do not.
 void SceneMap::SetTracks(const std::vector<std::vector<TrackElement>>& tracks) {
   tracks_.clear();
   for (std::vector<int>& of_image : tracks_of_image_) of_image.clear();
   for (std::vector<int>& of_image : cells_of_image_) of_image.clear();
-  int judged = 0;
   for (const auto& elements : tracks) {
     Track track;
     for (const TrackElement& element : elements) {
-      track.observations.push_back({element.image, element.feature, false, false});
+      track.observations.push_back({element.image, element.feature, false});
       tracks_of_image_[element.image].push_back(static_cast<int>(tracks_.size()));
       cells_of_image_[element.image].push_back(ScoreCell(element));
-    }
-    if (options_.hold_out_every > 0 && track.observations.size() >= 4 &&
-        judged++ % options_.hold_out_every == 0) {
-      track.observations[judged % track.observations.size()].held_out = true;
     }
     tracks_.push_back(std::move(track));
   }
@@ -149,7 +142,7 @@ SceneMap::Visible SceneMap::VisiblePoints(int image) const {
     const Track& track = tracks_[index];
     if (!track.has_point) continue;
     for (const Observation& observation : track.observations) {
-      if (observation.image != image || observation.held_out || !HasRay(observation)) continue;
+      if (observation.image != image || !HasRay(observation)) continue;
       visible.bearings.push_back(bearings_[image][observation.feature]);
       visible.points.push_back(track.position);
       visible.tracks.push_back(index);
@@ -187,7 +180,7 @@ double SceneMap::VisibleScore(int image, int* count) const {
 int SceneMap::CompleteTrack(Track* track) {
   int added = 0;
   const auto open = [&](const Observation& observation) {
-    return registered_[observation.image] && !observation.held_out && HasRay(observation);
+    return registered_[observation.image] && HasRay(observation);
   };
   if (track->has_point) {
     for (Observation& observation : track->observations) {

@@ -21,8 +21,7 @@ class SceneMap {
   struct Observation {
     int image = 0;
     int feature = 0;
-    bool used = false;      // agrees with the track's point
-    bool held_out = false;  // never used, but judged at the end
+    bool used = false;  // agrees with the track's point
   };
   struct Track {
     std::vector<Observation> observations;

@@ -255,7 +255,7 @@ void SceneMap::AdjustImage(int image, double max_error) {
       const Track& track = tracks_[index];
       if (!track.has_point) continue;
       for (const Observation& observation : track.observations) {
-        if (observation.image != image || observation.held_out || !HasRay(observation)) continue;
+        if (observation.image != image || !HasRay(observation)) continue;
         if (!(Residual(track, observation) < max_error)) continue;
         bundle.observations.push_back(
             {0, static_cast<int>(bundle.points.size()), bearings_[image][observation.feature],
@@ -276,8 +276,7 @@ void SceneMap::AdjustImage(int image, double max_error) {
   }
 }
 
-// Residuals of observations that were used go into the RMS and median, those held out into a median
-// of their own.
+// Residuals of observations that were used go into the RMS and median.
 Structure SceneMap::Result(bool covariances) const {
   Structure result;
   result.cameras = cameras_;
@@ -290,21 +289,14 @@ Structure SceneMap::Result(bool covariances) const {
     result.camera_from_world[image] = poses_[image];
     if (rolling()) result.velocities[image] = VelocityOf(image);
   }
-  std::vector<double> lengths, held_out;
+  std::vector<double> lengths;
   for (const Track& track : tracks_) {
     if (!track.has_point) continue;
     StructurePoint point;
     point.position = track.position;
     for (const Observation& observation : track.observations) {
-      const bool judged =
-          observation.held_out && registered_[observation.image] && HasRay(observation);
-      if (!observation.used && !judged) continue;
+      if (!observation.used) continue;
       const double length = Residual(track, observation);
-      if (observation.held_out) {
-        held_out.push_back(length);
-        point.held_out.push_back({observation.image, observation.feature});
-        continue;
-      }
       lengths.push_back(length);
       point.error += length;
       point.observations.push_back({observation.image, observation.feature});
@@ -317,8 +309,6 @@ Structure SceneMap::Result(bool covariances) const {
   for (const double length : lengths) result.rms += length * length;
   if (!lengths.empty()) result.rms = std::sqrt(result.rms / static_cast<double>(lengths.size()));
   result.median = Median(&lengths);
-  result.held_out = Median(&held_out);
-  result.num_held_out = static_cast<int>(held_out.size());
   result.covariances.assign(images_.size(), Eigen::Matrix<double, 6, 6>::Zero());
   if (covariances && num_registered_ >= 2) {
     BundleOptions options;

@@ -112,8 +112,6 @@ struct StructureOptions {
   // From this number of registered images on, all adjustments but the last leave out tracks that no
   // image needs, and the last one starts where such an adjustment has ended. Not on a rig.
   int thin_from = 64;
-  // Every n-th point of at least three observations keeps one out of all adjustments; 0: none.
-  int hold_out_every = 0;
   Rig rig;  // for RefineStructure
   bool covariances = true;
   std::uint64_t seed = 0;
@@ -124,7 +122,6 @@ struct StructurePoint {
   std::vector<TrackElement> observations;              // that agree with it
   std::vector<Eigen::Vector3d> in_camera;  // the point in the camera of each observation
   double error = 0.0;                      // pixels: mean length of their residuals
-  std::vector<TrackElement> held_out;      // observations that no adjustment used
 };
 
 struct Structure {
@@ -147,10 +144,8 @@ struct Structure {
   std::vector<StructurePoint> points;
   int initial_first = -1, initial_second = -1;
   int restarts = 0;
-  double rms = 0.0;       // pixels: root of the mean squared length of the residuals
-  double median = 0.0;    // pixels: median length
-  double held_out = 0.0;  // pixels: median length at held-out observations; 0 if there are none
-  int num_held_out = 0;
+  double rms = 0.0;     // pixels: root of the mean squared length of the residuals
+  double median = 0.0;  // pixels: median length
   // (6, 6) of (centre in the world, turn in the camera frame), see PoseCovariances; 0 where not
   // registered. The first image's pose and one component of the second's centre are held.
   std::vector<Eigen::Matrix<double, 6, 6>> covariances;

@@ -75,7 +75,8 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "--frames",
         type=whole,
         metavar="N",
-        help="number of images of auto, orbit and train [default 120; of a film 300]",
+        help="number of images of auto, orbit and train [default 120; of a film 300]; with FILE: "
+        "smoothly through its poses [default these alone]",
     )
     parser.add_argument(
         "-o",
@@ -269,7 +270,8 @@ def _list_poses(arguments: argparse.Namespace, stage: Any, film: Path | None) ->
 
     scene, count = stage.scene, arguments.frames or (_FRAMES if film is None else _FILM_FRAMES)
     if arguments.path not in _PATHS:
-        return read_path(arguments.path, None if scene is None else scene.world_offset)
+        keys = read_path(arguments.path, None if scene is None else scene.world_offset)
+        return keys if arguments.frames is None else smooth_path(keys, arguments.frames)
     if scene is None:  # from where the viewer looks first, once around
         place = stage.place()
         return turn_path(place["pose"], place["center"], place["up"], count)

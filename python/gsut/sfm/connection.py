@@ -8,6 +8,7 @@ import numpy as np
 
 from gsut._core import SolveError
 from gsut.data import list_some
+from gsut.judge.checks import UNUSABLE
 from gsut.sfm.learned import add_learned_features
 from gsut.sfm.lens import search_lenses
 from gsut.sfm.mapping import Mapping
@@ -17,8 +18,6 @@ from gsut.sfm.solution import measure_diagonal, solve_poses
 from gsut.sfm.starts import compare_halves, register_left_out, try_other_starts
 
 _A_FEW = 12  # images, up to which learned features are added where those of SIFT hold poses badly
-# Error over the diagonal from which on poses of nine in ten pairs of images are not usable.
-_WEAK = 0.017
 
 
 def map_connected(mapping: Mapping) -> Mapping:
@@ -35,7 +34,7 @@ def map_connected(mapping: Mapping) -> Mapping:
     except SolveError as error:
         failure = error
     off = _measure_halves(plain) if failure is None and len(absent) <= _A_FEW else 0.0
-    is_weak = off > _WEAK
+    is_weak = off > UNUSABLE  # nine in ten pairs of images
     more = add_learned_features(mapping, absent) if is_weak or absent.any() else None
     if more is not None:
         after, notes[:] = list(notes), before

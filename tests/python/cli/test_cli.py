@@ -268,7 +268,7 @@ def test_render_along_each_path_writes_its_images(run, tmp_path, monkeypatch):
         ("orbit", ["00000.png", "00001.png", "00002.png", "00003.png"]),
         ("train", ["00000.png", "00001.png", "00002.png", "00003.png"]),
         ("test", ["images_0.png", "images_3.png"]),
-        (str(file), ["00000.png", "00001.png", "00002.png"]),
+        (str(file), ["00000.png", "00001.png", "00002.png", "00003.png"]),
     ):
         out = tmp_path / f"out{count}"
         words = ["render", str(run.path), "--path", path, "--frames", "4", "-o", str(out)]
@@ -317,15 +317,23 @@ def test_render_of_depths_of_a_model_along_the_ray_draws_by_the_distance(tmp_pat
     assert (tmp_path / "depths" / "depth" / "00000.npy").is_file()
 
 
-def test_render_along_the_path_of_a_screenshot_uses_its_lens(run, tmp_path):
+def test_render_along_a_saved_path_uses_its_lens_and_is_smooth_if_frames_are_given(run, tmp_path):
     from gsut.lens.files import values_from_camera
 
     path, out = tmp_path / "camera.json", tmp_path / "out"
     lens = gsut.Camera("pinhole", [20, 20, 10, 5], 20, 10)
-    shot = {"camera_from_world": [np.eye(4).tolist()], "lens": values_from_camera(lens)}
-    path.write_text(json.dumps(shot))
-    assert main(["render", str(run.path), "--path", str(path), "-o", str(out)]) == 0
-    assert cv2.imread(str(out / "00000.png")).shape == (10, 20, 3)
+    poses = [np.eye(4).tolist(), gsut.exp_pose(np.array([0.2, 0, 0, 0, 0.3, 0])).tolist()]
+    path.write_text(json.dumps({"camera_from_world": poses, "lens": values_from_camera(lens)}))
+    words = ["render", str(run.path), "--path", str(path), "-o"]
+    assert main([*words, str(out)]) == 0
+    assert main([*words, str(tmp_path / "smooth"), "--frames", "5"]) == 0
+    keys, smooth = (
+        [cv2.imread(str(file)) for file in sorted(folder.glob("*.png"))]
+        for folder in (out, tmp_path / "smooth")
+    )
+    assert (len(keys), len(smooth)) == (2, 5) and keys[0].shape == (10, 20, 3)
+    for key, same in zip(keys, (smooth[0], smooth[-1]), strict=True):
+        assert np.abs(key.astype(int) - same).max() <= 1
 
 
 def test_render_to_a_video_holds_all_frames_and_is_never_overwritten(run, tmp_path, capsys):

@@ -42,7 +42,7 @@ def make_walk(rng, size=30.0, roll=3.0, heading=300.0, pitch=0.2):
     solution = Solution(
         names, [], np.ones(COUNT, bool), poses, np.tile(np.eye(6), (COUNT, 1, 1)),
         np.array([[1.0, 2.0, 3.0]]), empty.astype(np.uint8), np.zeros(1), flat, empty[:, :2],
-        empty[:, :2], np.zeros(0), (0, 1), 0, 0.1, 0.1, None, flat,
+        empty[:, :2], np.zeros(0), (0, 1), 0, 0.1, 0.1,
     )  # fmt: skip
     return solution, truth
 

@@ -39,8 +39,10 @@ def solved(scene, shutter, options):
 
 @pytest.fixture(scope="module")
 def walk():
-    """A walk through a rolling shutter, exact but for 0.1 px of noise."""
-    return Synthetic(np.random.default_rng(11), images=IMAGES, noise=0.1, readout=READOUT)
+    """A walk through a rolling shutter and square pixels, exact but for 0.1 px of noise."""
+    rng, values = np.random.default_rng(11), [300, 300, 500, 505, 0.02, -0.01, 0.002, -0.0003]
+    lens = gsut.Camera("kannala_brandt", values, 1000, 1010)
+    return Synthetic(rng, images=IMAGES, noise=0.1, readout=READOUT, camera=lens)
 
 
 @pytest.fixture(scope="module")

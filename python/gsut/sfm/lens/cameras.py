@@ -63,7 +63,7 @@ def search_lenses(mapping: Mapping) -> Mapping:
     lenses.solve()
     found = [group for group in open_groups if _fit_to_points(lenses, group)]
     if found:
-        lenses.solve(settled=False)
+        lenses.solve()
     return lenses.mapping
 
 
@@ -90,12 +90,8 @@ class _Lenses:
             self._cameras[image], self._free[image] = lens, own
         self.known[group.images] = True
 
-    def solve(self, *, settled: bool = True) -> None:
-        """Estimates poses, points and lenses from the images whose lens is known by now.
-
-        Args:
-            settled: the lenses are nearly right.
-        """
+    def solve(self) -> None:
+        """Estimates poses, points and lenses from the images whose lens is known by now."""
         mapping, options = self.mapping, self.mapping.options
         if mapping.solution is not None:  # what the first solution found of its lenses
             for image in np.flatnonzero(self.known):
@@ -108,7 +104,7 @@ class _Lenses:
         self.mapping = mapping.replace(pairs=pairs, lens_free=list(self._free))
         solution = solve_poses(
             mapping.images, pairs, options, mapping.log.follow_steps("mapping"),
-            Adjustment(self.mapping.lens_free, lens_settled=settled),
+            Adjustment(self.mapping.lens_free),
         )  # fmt: skip
         self.mapping = self.mapping.replace(solution=solution)
 
@@ -130,7 +126,7 @@ def _start_from_guesses(lenses: _Lenses, groups: Sequence[LensGroup]) -> None:
             guess = make_lens(size.width, size.height, field, 1.0)
             lenses.set(group, next(iter(group.candidates), guess), START)
         try:
-            lenses.solve(settled=False)
+            lenses.solve()
         except SolveError as error:
             failure = error
             continue

@@ -117,18 +117,6 @@ def make_lens(width: int, height: int, fov_degrees: float, bend: float) -> Camer
     return _make_kannala_brandt(width, height, focal, bend)
 
 
-def adjust_bend(lens: Camera, change: float) -> Camera:
-    """Changes k1 of a Kannala-Brandt lens; the image's edge stays at the same angle."""
-    params = lens.params.copy()
-    rays, valid = lens.unproject(np.array([[0.0, lens.height / 2], [lens.width / 2, 0.0]]))
-    theta = float(np.max(np.arctan2(np.hypot(rays[valid, 0], rays[valid, 1]), rays[valid, 2])))
-    powers = theta ** np.array([2, 4, 6, 8])
-    before = 1 + float(params[4:] @ powers)
-    params[4] += change
-    params[:2] *= before / (1 + float(params[4:] @ powers))
-    return lens.with_params(params)
-
-
 def _measure_radius(fov_degrees: float, bend: float) -> float:
     """Returns the radius of the edge of the field in focal lengths."""
     half = math.radians(fov_degrees / 2)

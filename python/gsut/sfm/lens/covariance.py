@@ -4,21 +4,18 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
 from gsut._core import SolveError
 from gsut.data.poses import find_centers
-from gsut.lens import Camera
 from gsut.sfm.lens.information import MEDIAN_SQUARE, WeightedObservations, invert_scaled
 from gsut.sfm.solution import (
-    CENTER,
     FEATURE_VARIANCE,
-    Adjustment,
     LensFlags,
     Solution,
     StatedTurns,
+    find_lens_prior,
 )
 
 # Standard deviations of an image's shift, over the extent of the cameras, and of its turn in
@@ -49,7 +46,15 @@ def estimate_lens_sigmas(
     times = solution.measure_line_times()[seen.rows] if moves else None
     prior = _weigh_velocities(solution, seen.median) if moves else np.zeros(6)
     noise = math.sqrt(FEATURE_VARIANCE * seen.median / MEDIAN_SQUARE)
-    priors = _weigh_centers(seen.lenses.cameras, seen.bases, noise / Adjustment.center_sigma)
+    priors = np.concatenate(
+        [
+            (noise / find_lens_prior(camera, flags)[1]) ** 2 @ basis
+            for camera, flags, basis in zip(
+                seen.lenses.cameras, seen.lenses.free, seen.bases, strict=True
+            )
+            if basis is not None
+        ]
+    )
     if turns is not None:
         turns = dataclasses.replace(
             turns, sigma=turns.sigma / noise, calibration_sigma=turns.calibration_sigma / noise
@@ -78,19 +83,3 @@ def _weigh_velocities(solution: Solution, median: float) -> np.ndarray:
     size = np.linalg.norm(np.ptp(find_centers(solution.camera_from_world), axis=0))
     sigmas = np.repeat(_VELOCITY_SIGMA, 3) * np.repeat([size, 1.0], 3)
     return np.r_[np.zeros(6), (math.sqrt(median / 2) / sigmas) ** 2]
-
-
-def _weigh_centers(
-    cameras: Sequence[Camera], bases: Sequence[np.ndarray | None], weight: float
-) -> np.ndarray:
-    """Returns (F,) the priors of free principal points.
-
-    Args:
-        weight: of a distance from the middle of the picture over the diagonal.
-    """
-    priors = []
-    for camera, basis in zip(cameras, bases, strict=True):
-        if basis is not None:
-            is_center = basis[list(CENTER)].sum(axis=0)
-            priors.append(is_center * (weight / math.hypot(camera.width, camera.height)) ** 2)
-    return np.concatenate(priors)

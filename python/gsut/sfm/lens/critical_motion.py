@@ -13,8 +13,8 @@ from gsut.sfm.matches import PairMatches
 from gsut.sfm.solution import Solution
 
 TURNED = "the camera mostly turned on the spot"  # how that sentence begins
-_STRAIGHT = 0.03  # second over first extent of the camera centres, below which they lie on a line
-_FLAT = 0.03  # third over second extent of the points, below which they lie in a plane
+# Extent over the next larger one, below which camera centres lie on a line, or points in a plane.
+_THIN = 0.03
 _LITTLE_TURN = math.radians(10.0)  # between the views: it constrains no lens
 _LITTLE_PARALLAX = math.radians(2.0)  # too little for depths that serve other views
 _TURN_SHARE = 0.1  # parallax of a pair over its turn, below which the camera only turned
@@ -51,14 +51,14 @@ def find_critical_motion(solution: Solution, pairs: Sequence[PairMatches]) -> st
     middle = poses[len(poses) // 2, :3, :3]
     angles = measure_rotation_angles(poses[:, :3, :3] @ middle.T)
     still = float(np.percentile(angles, 90)) < _LITTLE_TURN
-    if extents[1] < _STRAIGHT * extents[0] and still:
+    if extents[1] < _THIN * extents[0] and still:
         return (
             "the camera moved straight on without turning, so the focal length and the length of "
             "the path along the view can replace each other: film a curve, or turn the camera "
             "while you move, some pictures upright and some on their side"
         )
     flat = _measure_extents(_drop_far_points(solution.points))
-    if flat[2] < _FLAT * flat[1] and still:
+    if flat[2] < _THIN * flat[1] and still:
         return (
             "everything seen lies in one plane and was seen from one direction, so focal length "
             "and distance can replace each other: add pictures tilted by 30 degrees or more, or "

@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
+import concurrent.futures
 import dataclasses
-import functools
 import math
+from collections.abc import Callable, Sequence
+from typing import TypeVar
 
 import numpy as np
 
+from gsut import _core
 from gsut._core import SolveError
 from gsut.judge import SURE
 from gsut.lens import Camera, FocalPrior, find_focal_params, with_scaled_focal
 from gsut.sfm.lens.candidates import guess_lens
 from gsut.sfm.lens.covariance import estimate_lens_sigmas
 from gsut.sfm.lens.information import GROUPS, split_windows
-from gsut.sfm.lens.trials import run_trials
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import TRIAL_MATCHES, keep_most_distinct
 from gsut.sfm.solution import (
     Adjustment,
     LensFlags,
-    OnStep,
     ReadoutMotion,
     Solution,
     adjust_registered,
@@ -41,6 +42,8 @@ _WINDOW_MATCHES = 50
 _MOST_LEFT_OUT = 100
 # Share of the prior's standard deviation below which the images alone know better.
 _NEGLIGIBLE = 0.1
+
+_Found = TypeVar("_Found")
 
 
 def weigh_focal_prior(mapping: Mapping, features_sigma: float) -> tuple[Mapping, float]:
@@ -170,17 +173,17 @@ def _measure_spread_without_groups(mapping: Mapping, solution: Solution, flags: 
     of_image = np.array(lenses.of_image)
     estimated = [i for i in np.unique(of_image[images]) if lenses.free[i] is not None]
 
-    def find_without(group: np.ndarray, on_step: OnStep) -> list[float | None]:
+    def find_without(group: np.ndarray) -> list[float | None]:
         """Finds the logarithm of each focal length without a group; None: too few are left."""
         kept = np.setdiff1d(images, group)
-        found = _adjust_some(mapping, solution, flags, kept, TRIAL_MATCHES, on_step)
+        found = _adjust_some(mapping, solution, flags, kept, TRIAL_MATCHES)
         if found is None:
             return [None] * len(estimated)
         own = [np.flatnonzero(found.registered & (of_image == lens)) for lens in estimated]
         return [math.log(_get_focal(found.cameras[o[0]])) if len(o) else None for o in own]
 
     groups = np.array_split(images, min(GROUPS, len(images)))
-    found = run_trials([functools.partial(find_without, group) for group in groups])
+    found = _run_beside(find_without, groups)
     by_lens = [[log for log in logs if log is not None] for logs in zip(*found, strict=True)]
     return max(
         math.sqrt((len(logs) - 1) * float(np.var(logs))) if len(logs) > 1 else math.inf
@@ -195,9 +198,9 @@ def _measure_spread_of_windows(mapping: Mapping, solution: Solution, flags: np.n
     its focal length that its features' errors cause.
     """
 
-    def find_alone(window: np.ndarray, on_step: OnStep) -> tuple[float, float] | None:
+    def find_alone(window: np.ndarray) -> tuple[float, float] | None:
         """Finds the logarithm of a window's focal length, and its weight; None: undetermined."""
-        found = _adjust_some(mapping, solution, flags, window, _WINDOW_MATCHES, on_step)
+        found = _adjust_some(mapping, solution, flags, window, _WINDOW_MATCHES)
         if found is None:
             return None
         try:
@@ -209,7 +212,7 @@ def _measure_spread_of_windows(mapping: Mapping, solution: Solution, flags: np.n
 
     point, image = solution.observations[:, 0], solution.observations[:, 1]
     windows = split_windows(image, point, len(solution.names), GROUPS)
-    found = run_trials([functools.partial(find_alone, window) for window in windows])
+    found = _run_beside(find_alone, windows)
     values = np.array([each for each in found if each is not None])
     if len(values) < 2:
         return math.inf
@@ -218,13 +221,20 @@ def _measure_spread_of_windows(mapping: Mapping, solution: Solution, flags: np.n
     return math.sqrt(len(log) / (len(log) - 1) * float(away @ away)) / float(weight.sum())
 
 
+def _run_beside(
+    adjust: Callable[[np.ndarray], _Found], groups: Sequence[np.ndarray]
+) -> list[_Found]:
+    """Adjusts groups of images beside each other: one that is small leaves cores idle."""
+    with concurrent.futures.ThreadPoolExecutor(_core.num_threads()) as pool:
+        return list(pool.map(adjust, groups))
+
+
 def _adjust_some(
     mapping: Mapping,
     solution: Solution,
     flags: LensFlags,
     images: np.ndarray,
     matches: int,
-    on_step: OnStep,
 ) -> Solution | None:
     """Adjusts some images, by the most distinct matches; None where too few are left."""
     # A focal length without the readout would vary by how the images move.
@@ -237,7 +247,7 @@ def _adjust_some(
     )
     try:
         return adjust_registered(
-            start, mapping.features, pairs, mapping.options, on_step, adjustment
+            start, mapping.features, pairs, mapping.options, adjustment=adjustment
         )
     except SolveError:
         return None

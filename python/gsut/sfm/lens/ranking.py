@@ -8,8 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from gsut import _core
-from gsut.lens import Camera, with_scaled_focal
-from gsut.sfm.lens.candidates import adjust_bend
+from gsut.lens import Camera
 from gsut.sfm.matches import RawMatches
 from gsut.sfm.photographs import Features, PosesOptions
 
@@ -24,8 +23,6 @@ _ENOUGH_MATCHES = 300  # of a pair, beyond which more do not count
 # Spread of a pair's displacements over the extent of its features, beyond which more is no better:
 # pairs that move constrain a lens more than pairs with many matches.
 _ENOUGH_SPREAD = 0.06
-# Relative steps of the focal length and steps of k1 around the best lens, coarse to fine.
-_STEPS = ((0.15, 0.06), (0.07, 0.03), (0.035, 0.015))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -101,7 +98,7 @@ class LensRanking:
         others: Sequence[Camera],
         on_lens: Callable[[int, int], None],
     ) -> list[RankedLens]:
-        """Ranks lenses, best first, after improving the best one by small steps.
+        """Ranks lenses, best first: all by a quick look, then the best by more pairs.
 
         Args:
             likely: lenses that are preferred even if they score a little worse.
@@ -109,7 +106,7 @@ class LensRanking:
             on_lens: called with (lenses done, lenses in all).
         """
         candidates = [*likely, *others]
-        total = len(candidates) + _CLOSER + 4 * len(_STEPS)
+        total = len(candidates) + _CLOSER
         done = 0
 
         def rank(cameras: Sequence[Camera], pairs: int, most: int) -> list[RankedLens]:
@@ -123,19 +120,7 @@ class LensRanking:
             return sorted(ranked, key=lambda lens: -lens.share * favour.get(lens.camera, 1.0))
 
         quick = rank(candidates, QUICK_PAIRS, _QUICK_MATCHES)[:_CLOSER]
-        ranked = rank([lens.camera for lens in quick], _PAIRS, MATCHES)
-        best = ranked[0]
-        for number, (focal, bend) in enumerate(_STEPS, 1):
-            for step in (
-                with_scaled_focal(best.camera, 1 + focal),
-                with_scaled_focal(best.camera, 1 / (1 + focal)),
-                *((adjust_bend(best.camera, b) for b in (bend, -bend)) if bend else ()),
-            ):
-                share = self.measure_share(step)
-                if share > best.share:
-                    best = RankedLens(step, share)
-            on_lens(done + 4 * number, total)
-        return [best, *ranked]
+        return rank([lens.camera for lens in quick], _PAIRS, MATCHES)
 
 
 def choose_informative_pairs(features: Sequence[Features], raw: RawMatches) -> np.ndarray:

@@ -11,6 +11,7 @@ from gsut.sfm.solution.adjustment import (
     StatedPlaces,
     StatedPoints,
     StatedTurns,
+    find_lens_prior,
     index_lenses,
 )
 from gsut.sfm.solution.evidence import compare_solutions

@@ -11,6 +11,7 @@ import numpy as np
 
 from gsut._core import Shutter
 from gsut.lens import Camera
+from gsut.sfm.photographs import TANGENT
 from gsut.sfm.solution.result import FEATURE_VARIANCE, Solution
 
 # Parameters of the principal point of every lens that is estimated.
@@ -18,6 +19,9 @@ CENTER = (2, 3)
 # Standard deviation of a coordinate of a principal point from the middle of its picture, over the
 # diagonal: of the lens database's cameras.
 CENTER_SIGMA = 0.012
+# Standard deviation of what a higher coefficient of the distortion shifts the edge of a picture by,
+# over its distance from the middle.
+_EDGE_SIGMA = 0.2
 LOSS_SCALE = 1.5  # of the Cauchy loss, in medians of the residuals
 MIN_INLIERS = 15  # fewest of an image while the structure grows
 
@@ -185,9 +189,8 @@ class Adjustment:
             above 1 tied; or such flags of each image's lens, one array a lens, None for one that is
             known; None: all lenses are known.
         lens_settled: the lens is nearly right, so that estimating it at the end is enough.
-        hold_out_every: every n-th longer track keeps one observation out of all adjustments; 0:
-            none.
-        covariances: False for a trial: they are 0, and the solver ends at a rougher tolerance.
+        covariances: False for a trial: they are 0, the solver ends at a rougher tolerance, and
+            `solve_poses` extends no tracks.
         rig: of `adjust_poses`: the images' cameras are fixed to each other.
         motion: of `adjust_poses`: images are read line by line.
         extend: of `adjust_poses`: look at the end for points in images that do not see them yet.
@@ -196,13 +199,12 @@ class Adjustment:
             None.
         turns: of `adjust_poses` without a rig: how cameras are turned against each other, or None.
         center_sigma: standard deviation of a coordinate of a free principal point from the middle
-            of its picture, over the diagonal; infinite: nothing is known of it beforehand.
+            of its picture, over the diagonal; infinite: nothing is known of a lens beforehand.
         min_inliers: fewest inliers of an image while the structure grows.
     """
 
     lens_free: LensFlags = None
     lens_settled: bool = False
-    hold_out_every: int = 0
     covariances: bool = True
     rig: RigConstraint | None = None
     motion: ReadoutMotion | None = None
@@ -244,24 +246,62 @@ def index_lenses(cameras: Sequence[Camera], free: LensFlags) -> IndexedLenses:
     )  # fmt: skip
 
 
-def state_centers(lenses: IndexedLenses, sigma: float) -> dict[str, Any]:
-    """States where free principal points lie beforehand, as the solver's settings.
+def state_lenses(lenses: IndexedLenses, center_sigma: float) -> dict[str, Any]:
+    """States what is known beforehand of free lenses, as the solver's settings.
 
-    Features of one picture share errors, so that the prior weighs more by their variance.
+    Features of one picture share errors, so that priors weigh more by their variance.
 
     Args:
         lenses: with their flags.
-        sigma: see `Adjustment.center_sigma`.
+        center_sigma: see `Adjustment`.
     """
-    is_free = [f is not None and bool(np.any(f[list(CENTER)])) for f in lenses.free]
-    if not math.isfinite(sigma) or not any(is_free):
-        return {}
-    means, sigmas = [], []
-    for camera, is_own in zip(lenses.cameras, is_free, strict=True):
-        mean, width = camera.params.copy(), np.full(len(camera.params), math.inf)
-        if is_own:
-            mean[list(CENTER)] = camera.width / 2, camera.height / 2
-            width[list(CENTER)] = sigma * math.hypot(camera.width, camera.height)
-        means.append(mean.tolist() if is_own else [])
-        sigmas.append((width / math.sqrt(FEATURE_VARIANCE)).tolist() if is_own else [])
-    return {"lens_mean": means, "lens_sigma": sigmas}
+    means: list[list[float]] = []
+    sigmas: list[list[float]] = []
+    for camera, flags in zip(lenses.cameras, lenses.free, strict=True):
+        mean, sigma = find_lens_prior(camera, flags, center_sigma)
+        is_known = bool(np.isfinite(sigma).any())
+        means.append(mean.tolist() if is_known else [])
+        sigmas.append((sigma / math.sqrt(FEATURE_VARIANCE)).tolist() if is_known else [])
+    return {"lens_mean": means, "lens_sigma": sigmas} if any(means) else {}
+
+
+def find_lens_prior(
+    camera: Camera, flags: np.ndarray | None, center_sigma: float = CENTER_SIGMA
+) -> tuple[np.ndarray, np.ndarray]:
+    """Finds what is known of a lens's free parameters beforehand: means and sigmas (K,).
+
+    A principal point lies near the middle of its picture. Coefficients of the distortion after the
+    first are near those of a lens r = f tan(b theta) / b that bends as the first one says, or 0.
+
+    Args:
+        flags: (K,), see `Adjustment`; None: all parameters are known.
+        center_sigma: see `Adjustment`; infinite: nothing is known.
+    """
+    mean, sigma = camera.params.copy(), np.full(len(camera.params), math.inf)
+    if flags is None or not math.isfinite(center_sigma):
+        return mean, sigma
+    if np.any(flags[list(CENTER)]):
+        mean[list(CENTER)] = camera.width / 2, camera.height / 2
+        sigma[list(CENTER)] = center_sigma * math.hypot(camera.width, camera.height)
+    edge = _find_edge(camera)
+    if camera.model == "kannala_brandt":
+        power = np.arange(2, 5)
+        values, places = np.array(TANGENT[1:]) * (3 * camera.params[4]) ** power, power + 3
+    elif camera.model == "opencv4":
+        power, values, places, edge = np.array([2]), np.zeros(1), np.array([5]), math.tan(edge)
+    else:
+        return mean, sigma
+    is_free = np.asarray(flags)[places] > 0
+    mean[places[is_free]] = values[is_free]
+    sigma[places[is_free]] = (_EDGE_SIGMA / edge ** (2.0 * power))[is_free]
+    return mean, sigma
+
+
+def _find_edge(camera: Camera) -> float:
+    """Finds the largest angle from the axis at which corners and sides of a picture are seen."""
+    x, y = np.meshgrid(
+        [0.0, camera.width / 2, camera.width], [0.0, camera.height / 2, camera.height]
+    )
+    rays, valid = camera.unproject(np.stack([x.ravel(), y.ravel()], axis=1))
+    seen = rays[np.asarray(valid, bool)]
+    return float(np.max(np.arctan2(np.hypot(seen[:, 0], seen[:, 1]), seen[:, 2]), initial=1e-3))

@@ -47,9 +47,6 @@ class Solution:
         initial_pair: the images that the reconstruction started from.
         restarts: number of times that it started again.
         rms, median: of the residuals' lengths, in pixels.
-        held_out: median length at observations that no adjustment used, in pixels; None if there
-            are none.
-        held_out_observations: (H, 3) int32, the same rows as `observations`.
         shutter: rolling, or None; camera_from_world is then that of the middle of the readout.
         velocities: (N, 6) of rolling shutters, else None: how far the centre moves in the world and
             the camera turns (radians, camera frame) during the image's readout.
@@ -73,8 +70,6 @@ class Solution:
     restarts: int
     rms: float
     median: float
-    held_out: float | None
-    held_out_observations: np.ndarray
     shutter: Shutter | None = None
     velocities: np.ndarray | None = None
     lines: ImageLines | None = None

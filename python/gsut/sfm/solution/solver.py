@@ -20,7 +20,7 @@ from gsut.sfm.solution.adjustment import (
     Adjustment,
     IndexedLenses,
     index_lenses,
-    state_centers,
+    state_lenses,
 )
 from gsut.sfm.solution.result import (
     FEATURE_VARIANCE,
@@ -69,7 +69,7 @@ def solve_poses(
             settings["readout_time"] = options.readout_time
             times, folders = order_by_folder(images.names)
             settings |= {"frame_times": times.tolist(), "frame_cameras": folders.tolist()}
-    if not adjustment.hold_out_every:
+    if adjustment.covariances:
         descriptors = [f.descriptors for f in images.features]
         settings |= _list_extension_settings(descriptors, images.cameras)
     lenses = index_lenses(images.cameras, adjustment.lens_free)
@@ -200,13 +200,12 @@ def _make_settings(images: Images, options: PosesOptions, adjustment: Adjustment
         "min_angle": math.radians(MIN_ANGLE_DEGREES),
         "min_inliers": adjustment.min_inliers,
         "loss_scale": LOSS_SCALE,
-        "hold_out_every": adjustment.hold_out_every,
         "seed": options.seed,
     }
     if adjustment.lens_free is not None:
         lenses = index_lenses(images.cameras, adjustment.lens_free)
         free = [[] if f is None else [int(flag) for flag in f] for f in lenses.free]
-        settings |= {"lens_free": free, **state_centers(lenses, adjustment.center_sigma)}
+        settings |= {"lens_free": free, **state_lenses(lenses, adjustment.center_sigma)}
     return settings
 
 
@@ -234,7 +233,6 @@ def _make_solution(images: Images, found: dict[str, Any], lenses: IndexedLenses)
         FEATURE_VARIANCE * found["covariances"],
         found["points"], colors, found["point_errors"], observations, pixels, residuals, angles,
         found["initial_pair"], found["restarts"], found["rms"], found["median"],
-        found["held_out"] if found["num_held_out"] else None, found["held_out_observations"],
     )  # fmt: skip
 
 
@@ -247,9 +245,8 @@ def _spread_solution(model: Solution, chosen: np.ndarray, whole: Solution) -> So
         result[chosen] = values
         return result
 
-    observations, held = model.observations.copy(), model.held_out_observations.copy()
-    for rows in (observations, held):
-        rows[:, 1] = chosen[rows[:, 1]]
+    observations = model.observations.copy()
+    observations[:, 1] = chosen[observations[:, 1]]
     lenses = {whole.cameras[i]: lens for i, lens in zip(chosen, model.cameras, strict=True)}
     first, second = (int(chosen[i]) for i in model.initial_pair)
     moving = model.velocities
@@ -264,5 +261,4 @@ def _spread_solution(model: Solution, chosen: np.ndarray, whole: Solution) -> So
         lines=None if moving is None else whole.lines,
         observations=observations,
         initial_pair=(first, second),
-        held_out_observations=held,
     )

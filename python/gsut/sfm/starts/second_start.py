@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from gsut._core import SolveError
-from gsut.judge.checks import has_bent
+from gsut.judge.checks import UNUSABLE, has_bent
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.solution import (
     Adjustment,
@@ -23,9 +23,6 @@ from gsut.sfm.solution import (
 )
 from gsut.sfm.starts.halves import HALF_INLIERS, MOST_IMAGES, measure_differences, split_matches
 
-# Error over the diagonal that one in ten pairs of images exceeds where two structures are not the
-# same one: no adjustment brings them together.
-_OTHER = 0.017
 _VELOCITIES = 6  # of an image that has its own
 
 
@@ -95,7 +92,7 @@ def _find_others(mapping: Mapping, still: Solution) -> Iterator[Solution]:
     if still.num_registered > MOST_IMAGES:
         return
     images = dataclasses.replace(mapping.images, cameras=still.cameras, shutter=None)
-    limit = _OTHER * measure_diagonal(still.cameras)
+    limit = UNUSABLE * measure_diagonal(still.cameras)
     for half in split_matches(mapping):
         try:
             found = solve_poses(
@@ -104,6 +101,7 @@ def _find_others(mapping: Mapping, still: Solution) -> Iterator[Solution]:
             )  # fmt: skip
         except SolveError:
             continue
+        # Of which one pair in ten is farther off, no adjustment makes the same structure.
         differences = measure_differences(found, still, still)
         if np.quantile(differences, 0.9, method="higher") > limit:
             yield found
