@@ -104,7 +104,7 @@ def find_poses(
 
     Args:
         images: folder of photographs, or a dataset (its poses are ignored).
-        out: output folder: transforms.json, points3D.ply, sparse/0 (COLMAP), poses.json and
+        out: output folder: transforms.json, points3D.ply, sparse/0 (COLMAP text), poses.json and
             report.html. Images stay where they are. Images that do not connect with these are
             models of their own in model_2, model_3 ...
         camera: lens file, or a dataset whose lens is used; None: the lens file beside the images,

@@ -8,15 +8,8 @@ import pytest
 import gsut
 import small_datasets as small
 import tolerances
-from gsut.data.colmap import (
-    ColmapImage,
-    ColmapModel,
-    RigPlace,
-    hold_rigs,
-    pack_model,
-    read_frames,
-    read_rigs,
-)
+from gsut.data.colmap import ColmapImage, RigPlace, hold_rigs, read_frames, read_rigs
+from gsut.data.colmap.model import ColmapModel, format_model_texts
 from gsut.data.layouts.colmap import read_colmap
 from gsut.data.poses import pose_from_quaternion
 from raising import raises_saying
@@ -140,17 +133,16 @@ def test_hold_rigs_where_cameras_move_leaves_the_rig_out_with_a_note():
     held, (note,) = hold_rigs(images)
     assert "rig 4 is left out" in note
     model = ColmapModel(held, np.zeros((0, 3)), np.zeros((0, 3), np.uint8))
-    assert not set(pack_model(model)) & {"rigs.bin", "frames.bin"}
+    assert not set(format_model_texts(model)) & {"rigs.txt", "frames.txt"}
 
 
-def test_hold_rigs_of_a_rig_beside_single_images_numbers_each_camera(tmp_path):
+def test_hold_rigs_of_a_rig_beside_single_images_numbers_each_camera():
     images = make_images()
     images[-1].rig = None
     held, notes = hold_rigs(images)
     assert notes == []
-    model = pack_model(ColmapModel(held, np.zeros((0, 3)), np.zeros((0, 3), np.uint8)))
-    for name, content in model.items():
-        (tmp_path / name).write_bytes(content)
-    rigs = read_rigs(tmp_path / "rigs.bin")
-    assert [(row.rig_id, list(row.cameras)) for row in rigs] == [(1, [1, 2]), (2, [3])]
-    assert len(read_frames(tmp_path / "frames.bin")) == FRAMES + 1
+    texts = format_model_texts(ColmapModel(held, np.zeros((0, 3)), np.zeros((0, 3), np.uint8)))
+    rigs = [line.split() for line in texts["rigs.txt"].splitlines()[1:]]
+    assert [row[:4] for row in rigs] == [["1", "2", "CAMERA", "1"], ["2", "1", "CAMERA", "3"]]
+    assert len(texts["frames.txt"].splitlines()) == 1 + FRAMES + 1
+    assert texts["cameras.txt"].count("OPENCV") == 3

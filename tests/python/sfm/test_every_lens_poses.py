@@ -90,7 +90,7 @@ def test_poses_through_every_lens_agree_with_truth(name, camera, find_poses, tmp
         assert any("sparse/0 was not written" in note for note in notes)
         assert not (out / "sparse").exists()
     else:
-        assert (out / "sparse" / "0" / "cameras.bin").is_file()
+        assert (out / "sparse" / "0" / "cameras.txt").is_file()
 
 
 @pytest.mark.parametrize(("name", "camera"), LENSES, ids=[name for name, _ in LENSES])

@@ -53,13 +53,15 @@ def test_poses_with_a_rig_finds_all_images_in_metres(demo, poses):
 def test_poses_with_a_rig_writes_both_lenses_in_all_forms(demo, poses):
     frames = json.loads((poses / "transforms.json").read_text())["frames"]
     assert len({frame["fl_x"] for frame in frames}) == 2
+    lines = (poses / "sparse" / "0" / "cameras.txt").read_text().splitlines()
+    assert [line.split()[0] for line in lines if not line.startswith("#")] == ["1", "2"]
     model = poses / "sparse" / "0"
-    (rig,), taken = read_rigs(model / "rigs.bin"), read_frames(model / "frames.bin")
+    (rig,), taken = read_rigs(model / "rigs.txt"), read_frames(model / "frames.txt")
     assert list(rig.cameras) == [1, 2]
     assert [frame.images for frame in taken] == [
         [(1, 2 * i + 1), (2, 2 * i + 2)] for i in range(FRAMES)
     ]
-    images = read_images(model / "images.bin")
+    images = read_images(model / "images.txt")
     assert {(row.camera_id, row.name.split("/")[0]) for row in images} == {
         (1, "left"), (2, "right")
     }  # fmt: skip

@@ -1,6 +1,6 @@
-"""COLMAP models: their files, binary and text, read; binary ones written."""
+"""COLMAP models: their files, binary and text, read and written."""
 
-from gsut.data.colmap.model import ColmapModel, pack_model
+from gsut.data.colmap.model import ColmapModel, format_model_binaries, format_model_texts
 from gsut.data.colmap.read import read_images, read_points
 from gsut.data.colmap.records import ColmapImage, RigPlace
 from gsut.data.colmap.rigid import hold_rigs

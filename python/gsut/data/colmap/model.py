@@ -1,4 +1,4 @@
-"""Writes binary COLMAP models: cameras, images with their 2D points, and points3D."""
+"""Writes COLMAP models, as text or binary: cameras, images with their 2D points, and points3D."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from gsut.data.colmap.records import ColmapImage
 from gsut.data.colmap.rigid import list_rig_rows, pack_pose
-from gsut.data.colmap.rigs import pack_rigs
+from gsut.data.colmap.rigs import format_rig_texts, pack_rigs
 from gsut.lens import Camera
 from gsut.lens.files import to_colmap
 
@@ -50,7 +50,49 @@ class ColmapModel:
         return list_tracks
 
 
-def pack_model(model: ColmapModel) -> dict[str, bytes]:
+def format_model_texts(model: ColmapModel) -> dict[str, str]:
+    """Formats cameras.txt, images.txt and points3D.txt; cameras and points count from 1.
+
+    Models with rigs have rigs.txt and frames.txt, too.
+
+    Raises:
+        InputError: COLMAP has no such lens.
+    """
+    lenses, numbers = model.number_cameras()
+    cameras = ["# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]"]
+    for number, camera in lenses.items():
+        name, _, params = to_colmap(camera)
+        values = " ".join(map(repr, params))
+        cameras.append(f"{number} {name} {camera.width} {camera.height} {values}")
+    images = ["# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME"]
+    for image, number in zip(model.images, numbers, strict=True):
+        pose = pack_pose(image.camera_from_world)
+        images.append(f"{image.number} {_format_numbers(pose)} {number} {image.name}")
+        images.append(
+            " ".join(
+                f"{x:.6f} {y:.6f} {point + 1}"
+                for (x, y), point in zip(
+                    np.asarray(image.pixels).tolist(),
+                    np.asarray(image.points).tolist(),
+                    strict=True,
+                )
+            )
+        )
+    points = ["# POINT3D_ID, X, Y, Z, R, G, B, ERROR, TRACK[] as (IMAGE_ID, POINT2D_IDX)"]
+    for i, track in enumerate(model.list_tracks()):
+        color = " ".join(str(int(v)) for v in model.colors[i])
+        seen = " ".join(f"{image} {place}" for image, place in track)
+        points.append(
+            f"{i + 1} {_format_numbers(model.points[i])} {color} {model.get_error(i):.6f} {seen}"
+        )
+    files = {"cameras.txt": cameras, "images.txt": images, "points3D.txt": points}
+    texts = {name: "\n".join([*lines, ""]) for name, lines in files.items()}
+    if not model.has_rigs:
+        return texts
+    return texts | format_rig_texts(*list_rig_rows(model.images, numbers))
+
+
+def format_model_binaries(model: ColmapModel) -> dict[str, bytes]:
     """Packs cameras.bin, images.bin and points3D.bin; of rigs also rigs.bin and frames.bin.
 
     Raises:
@@ -82,3 +124,7 @@ def pack_model(model: ColmapModel) -> dict[str, bytes]:
     if not model.has_rigs:
         return packed
     return packed | pack_rigs(*list_rig_rows(model.images, numbers))
+
+
+def _format_numbers(values: Sequence[float] | np.ndarray | tuple) -> str:
+    return " ".join(repr(float(value)) for value in values)

@@ -1,4 +1,4 @@
-"""Reads rigs and frames of a COLMAP 4 model, as text or binary, and writes them as binary."""
+"""Reads and writes the rigs of a COLMAP 4 model: rigs and frames, as text or binary."""
 
 from __future__ import annotations
 
@@ -16,6 +16,9 @@ _SENSOR = "iI"  # type, id
 _HAS_POSE = "B"
 _POSE = "ddddddd"  # quaternion w, x, y, z and translation
 _DATA = "iIQ"  # a sensor's type and id, image id
+
+_RIGS_TEXT = "# RIG_ID, NUM_SENSORS, REF_SENSOR_TYPE, REF_SENSOR_ID, SENSORS[] as (SENSOR_TYPE, SENSOR_ID, HAS_POSE, [QW, QX, QY, QZ, TX, TY, TZ])"  # fmt: skip # noqa: E501
+_FRAMES_TEXT = "# FRAME_ID, RIG_ID, RIG_FROM_WORLD[QW, QX, QY, QZ, TX, TY, TZ], NUM_DATA_IDS, DATA_IDS[] as (SENSOR_TYPE, SENSOR_ID, DATA_ID)"  # fmt: skip # noqa: E501
 
 Pose = Sequence[float]  # target-from-source: quaternion w, x, y, z and translation
 
@@ -94,6 +97,23 @@ def _list_fields(row: RigRow | FrameRow) -> Iterator[tuple[str, Sequence]]:
             yield _HAS_POSE, (int(pose is not None),)
             if pose is not None:
                 yield _POSE, pose
+
+
+def format_rig_texts(rigs: Sequence[RigRow], frames: Sequence[FrameRow]) -> dict[str, str]:
+    """Formats rigs.txt and frames.txt."""
+
+    def format_row(row: RigRow | FrameRow) -> str:
+        return " ".join(
+            "CAMERA" if field == "i" else repr(float(value) if field == "d" else int(value))
+            for fields, values in _list_fields(row)
+            for field, value in zip(fields, values, strict=True)
+        )
+
+    files: dict[str, tuple[str, Sequence[RigRow | FrameRow]]]
+    files = {"rigs.txt": (_RIGS_TEXT, rigs), "frames.txt": (_FRAMES_TEXT, frames)}
+    return {
+        name: "\n".join([head, *map(format_row, rows), ""]) for name, (head, rows) in files.items()
+    }
 
 
 def pack_rigs(rigs: Sequence[RigRow], frames: Sequence[FrameRow]) -> dict[str, bytes]:

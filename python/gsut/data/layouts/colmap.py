@@ -16,8 +16,8 @@ from gsut.data.colmap import (
     ColmapImage,
     ColmapModel,
     RigPlace,
+    format_model_binaries,
     hold_rigs,
-    pack_model,
     read_frames,
     read_images,
     read_points,
@@ -223,7 +223,7 @@ def write_colmap(folder: Path, export: Export) -> list[str]:
             for n, each in frames
         ]
     )
-    files = pack_model(ColmapModel(images, export.points, export.point_colors))
+    files = format_model_binaries(ColmapModel(images, export.points, export.point_colors))
     place_images(export, folder)
     (folder / MODEL).mkdir(parents=True)
     for name, content in files.items():

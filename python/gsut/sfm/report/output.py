@@ -1,4 +1,4 @@
-"""Writes everything that a run found: dataset, COLMAP model, points, rig, poses.json, report."""
+"""Writes everything that a run found: dataset, COLMAP text, points, rig, poses.json, report."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data import Frame, list_some, write_transforms
-from gsut.data.colmap import ColmapImage, ColmapModel, RigPlace, hold_rigs, pack_model
+from gsut.data.colmap import ColmapImage, ColmapModel, RigPlace, format_model_texts, hold_rigs
 from gsut.data.points import format_points_ply
 from gsut.data.poses import invert_pose
 from gsut.files import read_json, register_reader, write_file
@@ -81,7 +81,7 @@ def write_poses(mapping: Mapping, folder: Path, made_from: str) -> dict[str, Any
 def write_dataset(
     solution: Solution, photographs: Photographs, out: Path, up: Sequence[float] | None = None
 ) -> list[str]:
-    """Writes the poses as a dataset and a COLMAP model; every file as a whole or not at all.
+    """Writes the poses as a dataset and COLMAP text; every file as a whole or not at all.
 
     Args:
         photographs: the images, which are named by paths relative to `out` and not copied.
@@ -98,12 +98,12 @@ def write_dataset(
     frames = _list_frames(solution, photographs)
     write_transforms(out / TRANSFORMS, frames, points_file=POINTS, up=up)
     try:
-        files, notes = _pack_colmap(solution, photographs)
+        texts, notes = _format_colmap(solution, photographs)
     except InputError as error:
         return [f"{COLMAP} was not written: {error}"]
     (out / COLMAP).mkdir(parents=True, exist_ok=True)
-    for name, content in files.items():
-        write_file(out / COLMAP / name, content)
+    for name, text in texts.items():
+        write_file(out / COLMAP / name, text)
     if solution.shutter is not None:
         notes.append(f"{COLMAP} has the pose in the middle of each readout: COLMAP knows no other")
     return notes
@@ -132,10 +132,10 @@ def _list_frames(solution: Solution, photographs: Photographs) -> list[Frame]:
     return [f for f, registered in zip(frames, solution.registered, strict=True) if registered]
 
 
-def _pack_colmap(
+def _format_colmap(
     solution: Solution, photographs: Photographs
-) -> tuple[dict[str, bytes], list[str]]:
-    """Packs a model's files, those of its rig too, and notes; images and points count from 1."""
+) -> tuple[dict[str, str], list[str]]:
+    """Formats a model's texts, those of its rig too, and notes; images and points count from 1."""
     frames, on_rig = photographs.frames, photographs.rig_cameras
     rows: list[list[int]] = [[] for _ in solution.names]
     for row, (_, image, _) in enumerate(solution.observations):
@@ -152,7 +152,7 @@ def _pack_colmap(
     ]  # fmt: skip
     held, notes = hold_rigs(images)
     model = ColmapModel(held, solution.points, solution.colors, solution.point_errors)
-    return pack_model(model), notes
+    return format_model_texts(model), notes
 
 
 def list_figures(
