@@ -33,10 +33,6 @@ WRONG: dict[str, tuple[str, Any]] = {  # of a row: route and values, refused wit
     "a frame too large": ("frame", FRAME | {"width": HUGE}),
     "a camera too large": ("camera", FRAME | {"poses": [POSE], "width": HUGE}),
     "a lens too large": ("lens", {"model": "pinhole", "fit": [HUGE, 1]}),
-    "no number": ("frame", FRAME | {"width": float("nan")}),
-    "no field": ("lens", {"model": "pinhole", "field_of_view": float("inf")}),
-    "no frame": ("pick", {"frame": [], "pixel": [0, 0]}),
-    "no pixel": ("pick", {"frame": FRAME, "pixel": [float("inf"), 0]}),
     "no such lens": ("lens", {"id": -HUGE}),
     "no such photograph": ("photo", {"view": HUGE, "side": 8}),
 }

@@ -29,16 +29,12 @@ IDENTITY = np.eye(4).tolist()
     ("name", "text"),
     [
         ("deep.json", DEEP),
-        ("deep.yaml", DEEP[:20_000]),
         ("digits.json", f'{{"camera_model": {DIGITS}}}'),
-        ("digits.yaml", f"image_width: {DIGITS}\nimage_height: 1\ncamera_matrix: [1]\n"),
         ("float.yaml", "camera_matrix: !!float x\n"),
         ("bomb.yaml", f"{BOMB}camera_matrix: {{data: *j}}\nimage_width: 9\nimage_height: 9\n"),
-        ("list.json", '{"fl_x": {"a": []}, "camera_model": [], "w": {}}'),
         ("deep.xml", "<a>" * 50_000),
         ("words.txt", "1 PINHOLE wide high 1 2 3 4\n"),
         ("cut.bin", "\x01"),
-        ("model.cameramodel", "{" * 50_000),
     ],
 )
 def test_lens_file_that_cannot_be_understood(tmp_path, name, text):

@@ -94,6 +94,32 @@ int FarthestFromFirst(const std::vector<Pose>& poses) {
 
 }  // namespace
 
+void CheckStructure(const std::vector<Camera>& cameras, const std::vector<ImageFeatures>& images,
+                    const StructureOptions& options) {
+  for (const ImageFeatures& image : images) {
+    if (image.camera >= 0 && image.camera < static_cast<int>(cameras.size())) continue;
+    throw InputError("an image names camera " + std::to_string(image.camera) + " of " +
+                     std::to_string(cameras.size()));
+  }
+  const auto fits = [&](std::size_t size) { return size == 0 || size == images.size(); };
+  if (!fits(options.image_shutters.size()) || !fits(options.image_readouts.size()) ||
+      !fits(options.frame_times.size()) || !fits(options.frame_cameras.size()) ||
+      !fits(options.image_rates.size()) || !fits(options.places.size())) {
+    throw InputError("shutters, readouts, times, rates and places must have one entry an image");
+  }
+  const auto inside = [&](int image) {
+    return image >= 0 && image < static_cast<int>(images.size());
+  };
+  for (const StatedPoint& point : options.stated_points) {
+    if (!inside(point.seen.image)) throw InputError("a stated point is seen by an unknown image");
+  }
+  for (const TurnPrior& turn : options.turns) {
+    if (!inside(turn.first) || !inside(turn.second)) {
+      throw InputError("a turn is between unknown images");
+    }
+  }
+}
+
 Structure RefineStructure(const std::vector<Camera>& cameras,
                           const std::vector<ImageFeatures>& images,
                           std::span<const VerifiedPair> pairs,

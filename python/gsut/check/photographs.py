@@ -86,7 +86,7 @@ def find_explanation(evidence: Evidence, is_poor: bool) -> Explanation | None:
         scores = evidence.score(variant.data)
         wins = prefer(structure, rival, evidence.matches).is_rival
         explains = evidence.find_share(variant.data) > _POOR
-        if explains and _is_sure(current, scores, wins, row.is_gross):
+        if explains and _is_sure(current, scores, wins, row):
             gain = float(np.mean(scores - current))
             found.append(Explanation(row, variant, float(np.mean(scores)), gain))
     most = max((each.gain for each in found), default=0.0)
@@ -94,21 +94,25 @@ def find_explanation(evidence: Evidence, is_poor: bool) -> Explanation | None:
     return min(alike, key=lambda each: HYPOTHESES.index(each.hypothesis), default=None)
 
 
-def _is_sure(current: np.ndarray, rival: np.ndarray, wins: bool, is_gross: bool) -> bool:
+def _is_sure(current: np.ndarray, rival: np.ndarray, wins: bool, row: Hypothesis) -> bool:
     """Returns whether a rival is better beyond chance, or plainly: all images say so.
 
     Args:
         current, rival: scores (G,) of the groups of images.
         wins: the rival is preferred.
-        is_gross: the hypothesis is of a gross mistake.
+        row: the hypothesis.
     """
     gains = rival - current
     touched = np.abs(gains) > _SAME
     if not touched.any():
         return False
     gain, score = float(gains[touched].mean()), float(rival[touched].mean())
-    plain = bool(np.all(gains[touched] > 0)) and min(gain, score / 2) > _PLAIN
-    return gain > (_PLAIN if is_gross else _LEAST_GAIN) and (wins or plain)
+    everywhere = bool(np.all(gains[touched] > 0))
+    plain = everywhere and min(gain, score / 2) > _PLAIN
+    least = _PLAIN if row.is_gross else _LEAST_GAIN
+    if row.is_everywhere and not everywhere:
+        least = _PLAIN
+    return gain > least and (wins or plain)
 
 
 def _name_explanation(evidence: Evidence, share: float, found: Explanation) -> Finding:

@@ -2,7 +2,7 @@
 
 from gsut.files.archives import open_archive, unpack_gzip, write_archive
 from gsut.files.arrays import Array, read_npy, read_npz, write_npy, write_npz
-from gsut.files.errors import FileError, OpenError, WriteError, reading
+from gsut.files.errors import FileError, WriteError, reading
 from gsut.files.kinds import ENDINGS, find_kind, split_numbers
 from gsut.files.names import check_name, claim_name, refuse_existing, to_file_name
 from gsut.files.opening import (

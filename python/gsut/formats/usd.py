@@ -14,10 +14,14 @@ from gsut.formats._axes import place_in_world, turn_half
 from gsut.formats._format import Format, SceneFile, WriteSettings, Written, check_claim
 from gsut.formats._quantize import logits_from_opacity, normalize_quats, opacity_from_logits
 from gsut.gaussians import Gaussians
+from gsut.run import limit_memory
 
 _SCHEMA = "ParticleField3DGaussianSplat"
 _HARMONICS = "radiance:sphericalHarmonicsCoefficients"
 _DEGREE = "radiance:sphericalHarmonicsDegree"
+# Bytes that reading any file may take, and times its size: the library takes what a file claims.
+_FREE_BYTES = 1 << 30
+_MOST_TIMES = 64
 
 
 def _import_library() -> tuple[Any, ...]:
@@ -71,7 +75,8 @@ def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written
 def _read(path: Path) -> SceneFile:
     _, tf, usd, geometry, _, _ = _import_library()
     try:
-        return _read_stage(path, usd.Stage.Open(str(path)), geometry)
+        with limit_memory(_FREE_BYTES + _MOST_TIMES * path.stat().st_size):
+            return _read_stage(path, usd.Stage.Open(str(path)), geometry)
     except (tf.ErrorException, MemoryError) as error:
         quoted = str(error).partition(": '")[2].partition("'\n")[0].removesuffix("'")
         why = " ".join((quoted or str(error)).split())

@@ -80,6 +80,8 @@ class Hypothesis:
         subject: "poses" or "lens".
         suppose: yields what may have been meant; may climb by the rating that it gets.
         is_gross: if it is so, the given dataset explains little.
+        is_everywhere: if it is so, every group of images that it touches fits better by it; where
+            some do not, it must explain much.
         free: number of the numbers that it estimates.
     """
 
@@ -88,6 +90,7 @@ class Hypothesis:
     subject: str
     suppose: Callable[[Dataset, Rate], Iterable[Variant]]
     is_gross: bool = False
+    is_everywhere: bool = False
     free: int = 0
 
 

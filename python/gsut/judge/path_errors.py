@@ -152,7 +152,7 @@ PATH_ERRORS: tuple[Hypothesis, ...] = (
                "transform_matrix_start and _end of each image", "poses", _suppose_readouts, free=1),
     Hypothesis("poses without the turn of about {} degrees that these accumulate along the path",
                "the poses drift, as odometry does: adjust all of them at once (`gsut poses`)",
-               "poses", _suppose_headings, free=3),
+               "poses", _suppose_headings, is_everywhere=True, free=3),
     Hypothesis("poses whose scale does not drift by a factor of about {} along the path",
                "the poses drift, as odometry does: adjust all of them at once (`gsut poses`)",
                "poses", _suppose_scales, free=1),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import ctypes
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 from gsut._core import InputError
@@ -43,6 +44,26 @@ def free_memory() -> int | None:
     The least of what the machine (with its swap), control groups and the own limit leave."""
     told = [*_read_machine(), *_read_groups(), *_read_limit()]
     return max(0, min(told)) if told else None
+
+
+@contextlib.contextmanager
+def limit_memory(more: int) -> Iterator[None]:
+    """Lets this process get at most `more` bytes within the block, where the system is Linux: a
+    library then fails at what a damaged file claims, in place of taking it."""
+    before = None
+    with contextlib.suppress(ImportError, OSError, ValueError, IndexError):
+        import resource
+
+        pages = int(read_text("/proc/self/statm").split()[5])  # of data and stacks
+        before = resource.getrlimit(resource.RLIMIT_DATA)
+        most = pages * resource.getpagesize() + more
+        limits = [each for each in (most, *before) if each != resource.RLIM_INFINITY]
+        resource.setrlimit(resource.RLIMIT_DATA, (min(limits), before[1]))
+    try:
+        yield
+    finally:
+        if before is not None:
+            resource.setrlimit(resource.RLIMIT_DATA, before)
 
 
 def release_memory() -> None:

@@ -115,6 +115,9 @@ POSES = {
     "body": (lambda m: m @ np.linalg.inv(TILT), "a body's on which"),
     "frames": (lambda m: m[np.minimum(np.arange(len(m)) + 2, len(m) - 1)], "2 frames"),
     "heading": (lambda m: add_steps(m, lambda step, _: TURN @ step), "accumulate"),
+    "heading of a part": (
+        lambda m: add_steps(m, lambda step, k: TURN @ step if k < 17 else step), "accumulate",
+    ),
     "scale": (lambda m: add_steps(m, lambda step, k: scale_step(step, 1 + k / 6)), "drift by"),
     "half the scale": (
         lambda m: add_steps(m, lambda step, k: scale_step(step, 1.5 if k > 12 else 1.0)),
@@ -161,6 +164,12 @@ def test_poses_that_were_misread_are_named(name, walk):
     poses, pixels = walk
     (said,) = say(change(poses), pixels)
     assert words in said.what and said.subject == "poses" and said.advice, said
+
+
+def test_slight_turns_of_one_half_of_a_path_are_no_drift_of_all(walk):
+    poses, pixels = walk
+    slight = gsut.exp_pose([0, 0, 0, 0, np.radians(3 / 23), 0])
+    assert say(add_steps(poses, lambda step, k: slight @ step if k < 12 else step), pixels) == []
 
 
 @pytest.mark.parametrize("name", LENSES)

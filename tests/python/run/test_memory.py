@@ -1,6 +1,7 @@
 """Memory is looked at before it is taken: estimates against what is free, sentences with both."""
 
 import os
+import sys
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from formats.scene_cases import plain_scene
 from gsut.check import refuse_too_large
 from gsut.check.memory import check_memory
 from gsut.cli import main
-from gsut.run import check_fits, format_size, free_memory, memory
+from gsut.run import check_fits, format_size, free_memory, limit_memory, memory
 
 
 @pytest.fixture(scope="module")
@@ -32,6 +33,14 @@ def test_free_memory_is_that_of_the_machine_at_most():
     free = free_memory()
     assert 0 < free <= 2 * os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     assert format_size(1_234_567) == "1.23 MB"
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="a limit of Linux")
+def test_memory_beyond_a_limit_is_refused_until_its_end():
+    size = 256 << 20
+    with limit_memory(size // 2), pytest.raises(MemoryError):
+        np.ones(size, np.uint8)
+    assert np.ones(size, np.uint8)[-1] == 1
 
 
 def test_control_groups_count(tmp_path, monkeypatch):

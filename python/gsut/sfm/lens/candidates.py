@@ -32,7 +32,6 @@ _LADDER = {
 # Limits that no camera's lens exceeds.
 _LEAST_FOCAL = 0.12  # focal length over the longer side: a fisheye's circle of 220 degrees
 _MOST_FOCAL = 6.0  # focal length over the longer side: a field of view of 10 degrees
-_MOST_STRETCH = 0.03  # relative difference of the sides of a pixel
 _MOST_OFF_CENTER = 0.08  # distance of the principal point from the centre over the diagonal
 _LEAST_SEEN = 0.95  # share of the features that the lens must have rays for
 
@@ -135,12 +134,10 @@ def explain_implausible(lens: Camera, features: Sequence[Features]) -> str | Non
         lens: with fx, fy, cx, cy first.
         features: of images, where the lens must have rays.
     """
-    fx, fy, cx, cy = lens.params[:4]
+    fx, _, cx, cy = lens.params[:4]
     longer = max(lens.width, lens.height)
     if not _LEAST_FOCAL <= fx / longer <= _MOST_FOCAL:
         return f"its focal length is {fx / longer:.2f} times the longer side"
-    if abs(fx / fy - 1) > _MOST_STRETCH:
-        return f"its pixels are stretched by {100 * abs(fx / fy - 1):.0f} %"
     off = math.hypot(cx - lens.width / 2, cy - lens.height / 2)
     if off > _MOST_OFF_CENTER * math.hypot(lens.width, lens.height):
         return f"its principal point is {off:.0f} px from the image's centre"

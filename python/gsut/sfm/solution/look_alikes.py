@@ -25,8 +25,7 @@ _MOST_DISTANCE_RATIO = 1.2  # of two images to a point
 _MARGIN = 0.04  # of the image's sides, where features are often missed
 _MOST_MOVED = 0.25  # of the farthest point's distance: beyond it no two images are that near
 _GROUP_SIZE = 4  # an image with those that share most points with it
-_SEEN_BY = 3  # images of one group that must see a point
-_IN_VIEW_OF = 3  # images of the other group that the point must be in view of
+_SEEN_BY = 3  # images of one group that must see a point, and of the other that may
 _MOST_POINTS = 20_000  # compared in all: enough for shares to a percent
 _MOST_POINTS_OF_IMAGE = 300  # compared: enough for a share to some percent
 _FEWEST_OF_PAIR = 20  # points that a pair of images must be able to compare
@@ -242,7 +241,7 @@ def _compare_views(
         same_side = (cosine > np.cos(_MOST_ANGLE)) & (ratio < _MOST_DISTANCE_RATIO)
         same_side &= ratio > 1 / _MOST_DISTANCE_RATIO
         same_view[close] = in_view[close][:, own] & same_side
-        wanted = same_view & (_count_in_groups(same_view, groups) >= _IN_VIEW_OF)
+        wanted = same_view & (_count_in_groups(same_view, groups) >= _SEEN_BY)
         found = _count_in_groups(observed[:, own], groups) > 0
         expected[image] = wanted.sum(axis=1)
         seen[image] = (wanted & found).sum(axis=1)

@@ -12,7 +12,6 @@ import numpy as np
 from gsut import _core
 from gsut._core import InputError
 from gsut.data.poses import find_centers
-from gsut.least_squares import minimize_least_squares
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import PairMatches
 from gsut.sfm.photographs import DESCRIPTOR_LENGTH, Features
@@ -38,8 +37,7 @@ _UPSIDE_DOWN = -0.5
 # Times as close as control points fit with x and y exchanged, before they are taken for exchanged.
 _MUCH_CLOSER = 3.0
 _DOUBTFUL = 3.0  # standard deviations of a control point beyond which it is named
-_STEP = 1e-6  # of a point over its distance, for differences of its pixels
-_MOST_STEPS = 30  # of a point's triangulation
+_ROUNDS = 5  # of a point's triangulation, whose distances settle in two or three
 
 
 def place_by_control(mapping: Mapping) -> Mapping:
@@ -189,35 +187,22 @@ def _triangulate(solution: Solution, seen: dict[int, np.ndarray]) -> tuple[np.nd
             for camera, pixel, pose in zip(cameras, pixels, poses, strict=True)
         ]
     )
-    # The point nearest to all rays.
-    across = np.eye(3) - rays[:, :, None] * rays[:, None]
-    start = np.linalg.pinv(across.sum(axis=0)) @ np.einsum("nij,nj->i", across, centers)
-
-    def project(at: np.ndarray) -> np.ndarray:
-        """Returns the differences (2 N,) of pixels; not finite where there is no image."""
-        return np.concatenate(
-            [
-                camera.subtract_pixels(
-                    camera.project((pose[:3, :3] @ at + pose[:3, 3])[None])[0], pixel[None]
-                )[0]
-                for camera, pixel, pose in zip(cameras, pixels, poses, strict=True)
-            ]
-        )
-
-    def find_cost(at: np.ndarray) -> float:
-        cost = float((project(at) ** 2).sum())
-        return cost if np.isfinite(cost) else np.inf
-
-    def find_equations(at: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        step = _STEP * np.linalg.norm(at - centers[0])
-        slopes = [project(at + step * e) - project(at - step * e) for e in np.eye(3)]
-        jacobian = np.stack(slopes, axis=1) / (2 * step)
-        return jacobian.T @ project(at), jacobian.T @ jacobian
-
-    if not np.isfinite(find_cost(start)):
-        return start, float("inf")
-    at, cost = minimize_least_squares(start, find_cost, find_equations, max_steps=_MOST_STEPS)
-    return at, float(np.sqrt(cost / len(images)))
+    # The point to which rays make the least angles: nearest to them, each by its distance.
+    across, weights = np.eye(3) - rays[:, :, None] * rays[:, None], np.ones(len(images))
+    for _ in range(_ROUNDS):
+        weighted = weights[:, None, None] * across
+        at = np.linalg.pinv(weighted.sum(axis=0)) @ np.einsum("nij,nj->i", weighted, centers)
+        weights = 1 / np.maximum(np.sum((at - centers) ** 2, axis=1), np.finfo(float).tiny)
+    off = np.concatenate(
+        [
+            camera.subtract_pixels(
+                camera.project((pose[:3, :3] @ at + pose[:3, 3])[None])[0], pixel[None]
+            )
+            for camera, pixel, pose in zip(cameras, pixels, poses, strict=True)
+        ]
+    )
+    error = float(np.sqrt((off**2).sum(axis=1).mean()))
+    return at, error if np.isfinite(error) else float("inf")
 
 
 def _describe_point(
