@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <string>
+#include <utility>
 
 #include "gsut/base/errors.h"
 #include "gsut/sfm/scene_map.h"
@@ -80,45 +81,28 @@ void ReportProgress(const SceneMap& map, const char* step,
   if (!on_progress(progress)) throw SolveError("stopped");
 }
 
-// The image whose centre holds the scale best: the longest baseline to the one that holds the
-// gauge.
-int FarthestFromFirst(const std::vector<Pose>& poses) {
-  const auto distance = [&](const Pose& pose) {
-    return (pose.CenterInSource() - poses.front().CenterInSource()).squaredNorm();
-  };
-  const auto farthest =
-      std::max_element(poses.begin() + 1, poses.end(),
-                       [&](const Pose& a, const Pose& b) { return distance(a) < distance(b); });
-  return static_cast<int>(farthest - poses.begin());
+// Holds the gauge by the first image that is there, and the scale by the one farthest from it: the
+// longest baseline holds it best.
+std::pair<int, int> HoldGauge(SceneMap* map) {
+  int first = -1, farthest = -1;
+  double longest = -1.0;
+  for (int image = 0; image < map->num_images(); ++image) {
+    if (!map->registered(image)) continue;
+    if (first < 0) {
+      first = image;
+      continue;
+    }
+    const double distance =
+        (map->pose(image).CenterInSource() - map->pose(first).CenterInSource()).squaredNorm();
+    if (distance <= longest) continue;
+    longest = distance;
+    farthest = image;
+  }
+  map->SetGauge(first, farthest);
+  return {first, farthest};
 }
 
 }  // namespace
-
-void CheckStructure(const std::vector<Camera>& cameras, const std::vector<ImageFeatures>& images,
-                    const StructureOptions& options) {
-  for (const ImageFeatures& image : images) {
-    if (image.camera >= 0 && image.camera < static_cast<int>(cameras.size())) continue;
-    throw InputError("an image names camera " + std::to_string(image.camera) + " of " +
-                     std::to_string(cameras.size()));
-  }
-  const auto fits = [&](std::size_t size) { return size == 0 || size == images.size(); };
-  if (!fits(options.image_shutters.size()) || !fits(options.image_readouts.size()) ||
-      !fits(options.frame_times.size()) || !fits(options.frame_cameras.size()) ||
-      !fits(options.image_rates.size()) || !fits(options.places.size())) {
-    throw InputError("shutters, readouts, times, rates and places must have one entry an image");
-  }
-  const auto inside = [&](int image) {
-    return image >= 0 && image < static_cast<int>(images.size());
-  };
-  for (const StatedPoint& point : options.stated_points) {
-    if (!inside(point.seen.image)) throw InputError("a stated point is seen by an unknown image");
-  }
-  for (const TurnPrior& turn : options.turns) {
-    if (!inside(turn.first) || !inside(turn.second)) {
-      throw InputError("a turn is between unknown images");
-    }
-  }
-}
 
 Structure RefineStructure(const std::vector<Camera>& cameras,
                           const std::vector<ImageFeatures>& images,
@@ -133,12 +117,11 @@ Structure RefineStructure(const std::vector<Camera>& cameras,
   // Rounds of: complete tracks, adjust, drop what is off; from loose to tight.
   StructureOptions current = options;  // the map reads its largest error in every round
   SceneMap map(cameras, images, pairs, current);
-  const int farthest = FarthestFromFirst(camera_from_world);
-  map.SetGauge(0, farthest);
   for (int image = 0; image < map.num_images(); ++image) {
     if (!registered.empty() && !registered[image]) continue;
     map.Register(image, camera_from_world[image], options.KnownVelocity(image));
   }
+  const auto [first, farthest] = HoldGauge(&map);
   const auto report = [&](const char* step) { ReportProgress(map, step, on_progress); };
   const bool lens_free = !options.lens_free.empty();
   // Returns the share of observations that came or went.
@@ -185,14 +168,12 @@ Structure RefineStructure(const std::vector<Camera>& cameras,
     settle();
   }
   map.DropWeakImages();
-  // The gauge's images must still be there.
-  const bool held = map.on_rig() || (map.registered(0) && map.registered(farthest));
-  if (changed < 0.0 || map.num_points() < kFewestPoints || map.num_registered() < 2 || !held) {
+  if (changed < 0.0 || map.num_points() < kFewestPoints || map.num_registered() < 2) {
     return {cameras, images.size(),
             "only " + std::to_string(map.num_points()) + " points agree with the poses, and " +
-                std::to_string(kFewestPoints) +
-                " are needed in the first image and the one farthest from it too"};
+                std::to_string(kFewestPoints) + " are needed"};
   }
+  if (!map.on_rig() && !(map.registered(first) && map.registered(farthest))) HoldGauge(&map);
   const bool rough = rolling || !options.covariances;
   map.AdjustFinally(kLastIterations, rough ? kRoughLastTolerance : kLastTolerance, lens_free);
   map.Filter(current.max_error);
