@@ -1,4 +1,4 @@
-"""Feeds every reader with damaged files: `python -m lab.fuzz [SECONDS] [--seed N]`.
+"""Feeds every reader with damaged files: `lab/run fuzz [SECONDS] [--rounds N] [--only WORD]`.
 
 A small valid file of every format is written, then changed at random, again and again: bits,
 numbers, pieces cut out, doubled, exchanged. A reader may read the result or refuse it in a sentence
@@ -53,8 +53,13 @@ def change_bytes(content: bytes, chance: random.Random) -> bytes:
     return content
 
 
-def fuzz(folder: Path, seconds: float, seed: int, rounds: int | None = None) -> tuple[int, int]:
+def fuzz(
+    folder: Path, seconds: float, seed: int, rounds: int | None = None, only: str = ""
+) -> tuple[int, int]:
     """Changes and reads until the time is over, or for a number of rounds over all readers.
+
+    Args:
+        only: of the names of the readers' files.
 
     Returns:
         Numbers of files and of changed files read.
@@ -64,6 +69,8 @@ def fuzz(folder: Path, seconds: float, seed: int, rounds: int | None = None) -> 
     """
     targets = []
     for name, make in EXAMPLES.items():
+        if only not in name:
+            continue
         (folder / name).mkdir()
         file, read = make(folder / name)
         assert not (said := find_fault(read)), f"{name}, as it was written: {said}"
@@ -81,6 +88,8 @@ def fuzz(folder: Path, seconds: float, seed: int, rounds: int | None = None) -> 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="lab/run fuzz", description=__doc__)
     parser.add_argument("seconds", nargs="?", type=float, default=60.0)
+    parser.add_argument("--rounds", type=int, help="changed files of each reader, beside SECONDS")
+    parser.add_argument("--only", default="", metavar="WORD", help="readers whose file has it")
     parser.add_argument("--seed", type=int, default=0)
     arguments = parser.parse_args()
     if importlib.util.find_spec("resource"):
@@ -89,7 +98,9 @@ def main() -> int:
         resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     folder = Path(tempfile.mkdtemp(prefix="gsut-fuzz-"))
     try:
-        files, count = fuzz(folder, arguments.seconds, arguments.seed)
+        files, count = fuzz(
+            folder, arguments.seconds, arguments.seed, arguments.rounds, arguments.only
+        )
     except AssertionError as error:
         print(f"{error}\nkept in {folder}", file=sys.stderr)
         return 1
