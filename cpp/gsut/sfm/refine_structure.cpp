@@ -168,12 +168,16 @@ Structure RefineStructure(const std::vector<Camera>& cameras,
     settle();
   }
   map.DropWeakImages();
-  if (changed < 0.0 || map.num_points() < kFewestPoints || map.num_registered() < 2) {
+  // Covariances are those of poses beside the gauge's images, which must then be there.
+  const bool held = map.on_rig() || (map.registered(first) && map.registered(farthest));
+  if (changed < 0.0 || map.num_points() < kFewestPoints || map.num_registered() < 2 ||
+      (!held && options.covariances)) {
     return {cameras, images.size(),
             "only " + std::to_string(map.num_points()) + " points agree with the poses, and " +
-                std::to_string(kFewestPoints) + " are needed"};
+                std::to_string(kFewestPoints) +
+                " are needed in the first image and the one farthest from it too"};
   }
-  if (!map.on_rig() && !(map.registered(first) && map.registered(farthest))) HoldGauge(&map);
+  if (!held) HoldGauge(&map);
   const bool rough = rolling || !options.covariances;
   map.AdjustFinally(kLastIterations, rough ? kRoughLastTolerance : kLastTolerance, lens_free);
   map.Filter(current.max_error);
