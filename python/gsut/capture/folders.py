@@ -27,6 +27,8 @@ _MASK_NAME = re.compile(r"^(?:(.+)[._ -]masks?|masks?[._ -](.+))", re.IGNORECASE
 _COPY_NAME = re.compile(
     r"^(.+?)(?<![ _-])[ _-]*(?:\(\d+\)|(?:- )?(?:copy|copie|kopie|copia)\b.*)", re.IGNORECASE
 )
+# What phones call an edited copy: IMG_E0042, IMG-edited, 20260102_090000~2.
+_EDITED_NAME = re.compile(r"^(IMG_)E(\d{4,})|^(.+?)(?:[-_ ]edited|~\d)", re.IGNORECASE)
 
 
 @dataclasses.dataclass
@@ -50,7 +52,7 @@ class Found:
 
     def describe_rest(self) -> str:
         """Describes what was passed over beside the photographs; "" if nothing was."""
-        copies = f"copies of others: {self.copies[0].name} ..." if self.copies else ""
+        copies = f"copies of others, or edited: {self.copies[0].name} ..." if self.copies else ""
         twins = "of the same in another format"
         counts = (
             (len(self.films), "films"), (len(self.copies), copies), (len(self.twins), twins)
@@ -122,12 +124,15 @@ def _sort_out_masks(found: Found, pictures: list[Path]) -> None:
 
 
 def _sort_out_copies(found: Found) -> None:
-    """Leaves out files that are called as copies of others and hold the same bytes."""
+    """Leaves out files called as copies of others, if they hold the same bytes or are edited."""
     by_name = {(path.parent, path.stem, path.suffix): path for path in found.photographs}
     for path in found.photographs:
         match = _COPY_NAME.fullmatch(path.stem)
         of = match and by_name.get((path.parent, match[1], path.suffix))
         if of and of.stat().st_size == path.stat().st_size and read_bytes(of) == read_bytes(path):
+            found.copies.append(path)
+        edited = _EDITED_NAME.fullmatch(path.stem)
+        if edited and (path.parent, "".join(filter(None, edited.groups())), path.suffix) in by_name:
             found.copies.append(path)
     copies = set(found.copies)
     found.photographs = [path for path in found.photographs if path not in copies]
@@ -146,8 +151,8 @@ def explain_no_photographs(inputs: Sequence[Path]) -> InputError:
     """Explains what lies where photographs are expected."""
     endings = collections.Counter(
         path.suffix.lower() or "no ending"
-        for folder in inputs if folder.is_dir()
-        for path in folder.rglob("*") if path.is_file()
+        for given in inputs
+        for path in (given.rglob("*") if given.is_dir() else [given]) if path.is_file()
     )  # fmt: skip
     lie = ", ".join(f"{count} x {ending}" for ending, count in endings.most_common(5))
     return InputError(

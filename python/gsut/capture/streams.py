@@ -15,12 +15,16 @@ _COLUMNS = 4  # columns from one that is looked at to the next
 
 
 def list_films(container: Any) -> list[Any]:
-    """Lists a file's streams of video without pictures of its cover; all if there are no others."""
+    """Lists a file's streams of video, the largest pictures first, so that previews come last.
+
+    Without pictures of its cover, if there are others.
+    """
     from av.stream import Disposition
 
     streams = list(container.streams.video)
     no_film = Disposition.attached_pic | Disposition.still_image
-    return [each for each in streams if not each.disposition & no_film] or streams
+    films = [each for each in streams if not each.disposition & no_film] or streams
+    return sorted(films, key=lambda film: film.width * film.height, reverse=True)
 
 
 def find_quarter_turns(frame: Any) -> int:

@@ -64,7 +64,7 @@ def reading(where: object, advice: str = COPY_AGAIN, fails: Fails = FileError) -
     except MemoryError as error:
         raise fails(where, "reading it needs more memory than there is", advice) from error
     except Exception as error:  # words for numbers, lists for keys, errors of libraries ...
-        what = " ".join(str(error).split())[:120]
+        what = " ".join(str(error).partition("<_io.")[0].split())[:120]  # no object's repr
         raise fails(
             where, f"cannot be understood ({type(error).__name__}: {what})", advice
         ) from error

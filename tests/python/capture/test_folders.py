@@ -3,6 +3,7 @@
 import struct
 import sys
 
+import av
 import cv2
 import numpy as np
 import pytest
@@ -131,6 +132,26 @@ def test_copies_are_left_out_and_named_and_others_kept(tmp_path, copy):
     names, taken = names_of(tmp_path / "in")
     assert names == ["a.jpg", "b (1).jpg", "b.jpg"]
     assert any("1 copies of others" in note and copy in note for note in taken.figures["notes"])
+
+
+def test_edited_copies_are_left_out_beside_what_was_edited(tmp_path):
+    names = ["IMG_0042.jpg", "IMG_E0042.jpg", "IMG_E0043.jpg", "a.jpg", "a-edited.jpg", "a~2.jpg"]
+    for number, name in enumerate(names):
+        picture(tmp_path / name, shift=number)
+    taken = [path.name for path in list_folder(tmp_path).photographs]
+    assert taken == ["IMG_0042.jpg", "IMG_E0043.jpg", "a.jpg"]
+
+
+def test_film_is_read_from_its_largest_stream(tmp_path):
+    with av.open(str(tmp_path / "a.mp4"), "w") as film:
+        for side in (32, 64):
+            stream = film.add_stream("mpeg4", rate=30)
+            stream.width = stream.height = side
+        for stream in film.streams.video:
+            frame = av.VideoFrame(stream.width, stream.height, "yuv420p")
+            film.mux([*stream.encode(frame), *stream.encode()])
+    with Video(tmp_path / "a.mp4") as video:
+        assert next(decode() for _, _, decode in video.read_frames()).shape == (64, 64, 3)
 
 
 @pytest.mark.parametrize("ending", [".jfif", ".jpe", ".insp", ""])

@@ -36,6 +36,7 @@ def rename(folder, change):
         lambda name: f".\\{name}".replace("/", "\\"),
         lambda name: "C:\\Users\\me\\scan 1\\images\\" + name.replace("/", "\\"),
         lambda name: f"/home/me/scan/images/{name}",
+        lambda name: "".join(f"%{ord(letter):02x}" for letter in name),
     ],
 )
 def test_pictures_are_found_under_names_of_other_systems(tmp_path, change):
@@ -101,7 +102,8 @@ def test_scene_of_a_file_for_each_part_is_read_with_its_split(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "name", ["cameras.xml", "reconstruction.json", "bundle.out", "a.nvm", "a.sfm"]
+    "name",
+    ["cameras.xml", "reconstruction.json", "bundle.out", "a.nvm", "a.sfm", "poses_bounds.npy"],
 )
 @pytest.mark.parametrize("with_pictures", [True, False])
 def test_files_of_other_programs_are_named(tmp_path, name, with_pictures):
@@ -110,6 +112,29 @@ def test_files_of_other_programs_are_named(tmp_path, name, with_pictures):
     (tmp_path / name).write_text("x")
     with pytest.raises(DatasetError, match=rf"{name} is .*'s: "):
         gsut.load_dataset(tmp_path)
+
+
+@pytest.mark.parametrize("mask_name", ["masks/{}", "mask.png"])
+def test_masks_called_as_their_images_and_one_of_all_are_read(tmp_path, mask_name):
+    folder = rename(tmp_path / "a", lambda name: name.replace(".png", ".jpg"))
+    images = sorted((folder / "images").rglob("*.png"))
+    assert len(images) == small_datasets.VIEWS
+    mask = np.zeros((small_datasets.HEIGHT, small_datasets.WIDTH), np.uint8)
+    mask[: small_datasets.HEIGHT // 2] = 255
+    for image in images:
+        path = folder / mask_name.format(image.relative_to(folder / "images").with_suffix(".jpg"))
+        path.parent.mkdir(parents=True, exist_ok=True)
+        cv2.imwrite(str(path), mask)
+        image.rename(image.with_suffix(".jpg"))
+    scene = gsut.load_dataset(folder)
+    assert all(scene.mask(i).mean() == 0.5 for i in range(len(scene.views)))
+
+
+def test_other_models_are_named_with_their_numbers_of_images(tmp_path):
+    folder = rename(tmp_path / "a", lambda name: name)
+    shutil.copytree(folder / "sparse/0", folder / "sparse/1")
+    notes = gsut.load_dataset(folder).notes
+    assert any("model of 10 images is used, not sparse/1 of 10" in note for note in notes)
 
 
 def test_decimal_commas_of_a_trajectory_are_read(tmp_path):

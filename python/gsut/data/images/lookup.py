@@ -7,6 +7,7 @@ import os
 import re
 import unicodedata
 from pathlib import Path
+from urllib.parse import unquote
 
 from gsut.data.errors import list_some
 from gsut.files import ENDINGS, split_numbers
@@ -17,8 +18,8 @@ _MOST_LETTERS = 4096  # of a path, on the systems that take the longest
 
 
 def normalize_name(name: str) -> str:
-    """Returns a name without what systems differ in: slashes, capitals, forms of letters."""
-    plain = unicodedata.normalize("NFC", name.replace("\\", "/")).casefold()
+    """Returns a name without what systems differ in: slashes, capitals, %20, forms of letters."""
+    plain = unicodedata.normalize("NFC", unquote(name).replace("\\", "/")).casefold()
     return plain.removeprefix("./")
 
 

@@ -77,13 +77,14 @@ def find_common_mask(*folders: Path) -> Path | None:
 
 
 def find_mask(folder: Path, name: str) -> Path | None:
-    """Finds an image's mask: folder/name.png, or folder/name with .png added (COLMAP's rule).
+    """Finds an image's mask: folder/name with .png added (COLMAP's rule) or in place, or as it is.
 
     A file in place of the folder is the mask of all images.
     """
     if folder.is_file():
         return folder
-    for candidate in (folder / f"{name}.png", folder / PurePosixPath(name).with_suffix(".png")):
+    for candidate in (f"{name}.png", PurePosixPath(name).with_suffix(".png"), name):
+        candidate = folder / candidate
         if candidate.is_file():
             return candidate
     return None

@@ -74,6 +74,8 @@ _FOREIGN = {
     "*.opf": "Pix4D's: export the cameras as COLMAP",
     "*.p4d": "Pix4D's: export the cameras as COLMAP",
     "calibrated_cameras.json": "Pix4D's (OPF): export the cameras as COLMAP",
+    "*calibrated_camera_parameters.txt": "Pix4D's: export the cameras as COLMAP",
+    "poses_bounds.npy": "LLFF's: give the COLMAP model that it was made of",
     "*.ccm": "iTwin Capture's: export the cameras as COLMAP",
     "database.db": "COLMAP's, without a model: run `colmap mapper`",
     "*.r3d": "Record3D's with packed depths: export it as EXR + RGB",

@@ -6,6 +6,7 @@ quaternions w, x, y, z; the centre of the first pixel is (0.5, 0.5).
 
 from __future__ import annotations
 
+import contextlib
 import os
 from pathlib import Path
 
@@ -25,7 +26,7 @@ from gsut.data.colmap import (
 )
 from gsut.data.errors import DatasetError, OnError, list_some, raise_error
 from gsut.data.export import Export, list_losses, place_images
-from gsut.data.images import PictureLookup, find_mask
+from gsut.data.images import PictureLookup, find_common_mask, find_mask
 from gsut.data.layouts._layout import Layout
 from gsut.data.listing import Frame, Listing
 from gsut.data.points import load_points_ply
@@ -71,6 +72,7 @@ def read_colmap(path: Path, *, on_error: OnError = raise_error) -> Listing:
     places = _read_rig_places(model, suffix, on_error)
     folder = _find_image_folder(path, model, [row.name for row in image_rows])
     listing, pictures = Listing(path, source), PictureLookup(folder)
+    common_mask = find_common_mask(folder, folder.parent)
     for row in image_rows:
         try:
             if row.camera_id in unusable:
@@ -89,7 +91,7 @@ def read_colmap(path: Path, *, on_error: OnError = raise_error) -> Listing:
             pose = pose_from_quaternion(
                 row.quat_wxyz, row.translation, f"{row.where}, image {row.name}"
             )
-            mask = find_mask(folder.parent / "masks", name)
+            mask = find_mask(folder.parent / "masks", name) or common_mask
             lens, place = cameras[row.camera_id], places.get(row.image_id)
             listing.frames.append(
                 Frame(name, image_path, lens, invert_pose(pose), mask_path=mask, rig=place)
@@ -104,9 +106,11 @@ def read_colmap(path: Path, *, on_error: OnError = raise_error) -> Listing:
     listing.notes += pictures.describe_differing(source)
     if folder.name != "images" and listing.frames:
         listing.notes.append(f"{folder}: images are read from here")
-    other = _list_other_models(path, model)
+    other = _list_other_models(model)
     if other:
-        listing.notes.append(f"{model}: this model is used, not {list_some(other)}")
+        count = len(image_rows)
+        what = f"this model of {count} images is used, not {list_some(other)}: give the one to use"
+        listing.notes.append(f"{model}: {what}")
     return listing
 
 
@@ -197,12 +201,16 @@ def _find_image_folder(path: Path, model: Path, names: list[str]) -> Path:
     return max(folders, key=lambda folder: sum(os.path.isfile(folder / name) for name in names))
 
 
-def _list_other_models(path: Path, model: Path) -> list[str]:
+def _list_other_models(model: Path) -> list[str]:
     """Lists the other models, which COLMAP writes when it could not join all images."""
-    if model.name != "0":
-        return []
-    names = sorted(p.name for p in model.parent.iterdir() if p.name.isdigit() and p != model)
-    return [f"{model.parent.name}/{name}" for name in names]
+    found = []
+    for folder in sorted(model.parent.iterdir()) if model.name == "0" else ():
+        if folder.name.isdigit() and folder != model and find_model(folder) == folder:
+            suffix = ".bin" if (folder / "images.bin").is_file() else ".txt"
+            with contextlib.suppress(InputError):
+                count = len(read_images(folder / f"images{suffix}"))
+                found.append(f"{model.parent.name}/{folder.name} of {count}")
+    return found
 
 
 MODEL = "sparse/0"
