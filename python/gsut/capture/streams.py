@@ -24,7 +24,9 @@ def list_films(container: Any) -> list[Any]:
     streams = list(container.streams.video)
     no_film = Disposition.attached_pic | Disposition.still_image
     films = [each for each in streams if not each.disposition & no_film] or streams
-    return sorted(films, key=lambda film: film.width * film.height, reverse=True)
+    # Streams that cannot be decoded have neither.
+    sizes = {each.index: getattr(each, "width", 0) * getattr(each, "height", 0) for each in films}
+    return sorted(films, key=lambda film: sizes[film.index], reverse=True)
 
 
 def find_quarter_turns(frame: Any) -> int:

@@ -19,6 +19,7 @@ MOST_BYTES = 8 << 30  # of a file that is read as a whole: pictures, scenes, sta
 MOST_TEXT = 1 << 30  # bytes of a file of text
 _CHECK_PATH = "check the path"
 SAVE_AS_UTF8 = "save the file as UTF-8"
+_LFS = b"version https://git-lfs"
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")  # how UTF-16 text starts
 
 
@@ -71,6 +72,9 @@ def open_binary(
         with file:
             if most_bytes is not None:
                 _check_size(path, os.fstat(file.fileno()).st_size, most_bytes)
+            if file.peek(len(_LFS))[: len(_LFS)] == _LFS:
+                what = "is a pointer of Git LFS in place of the file"
+                raise FileError(path, what, "fetch it with `git lfs pull` where it lies")
             yield file
 
 

@@ -135,7 +135,7 @@ def read_scene_file(path: str | os.PathLike[str]) -> SceneFile:
     if not readers:
         names = " or ".join(each.name for each in candidates)
         why = "does not look like one" if any(f.read for f in candidates) else "gsut only writes it"
-        raise InputError(f"{path}: by its name {names}, but {why}")
+        raise InputError(f"{path}: by its name {names}, but {why if head else 'it is empty'}")
     found = readers[0](path)
     if not len(found.gaussians):
         raise InputError(f"{path}: none of its 0 Gaussians can be drawn")

@@ -221,6 +221,9 @@ def _check_header(
     layout = _Layout(*values[:5])
     if magic != _MAGIC:
         raise InputError(f"{path}: no SPZ file (it begins otherwise)")
+    if layout.version in (2, 3) and layout.version not in versions:
+        what = f"SPZ version {layout.version} without the gzip around it"
+        raise InputError(f"{path}: {what}; compress it: gzip -c FILE > COPY.spz")
     if layout.version not in versions:
         raise InputError(f"{path}: SPZ version {layout.version}; gsut reads 2, 3 and 4")
     if layout.degree > 3:

@@ -187,6 +187,15 @@ WRONG: dict[tuple[str, str], tuple[Callable[[Path], object], str]] = {
         (".glb", name): (functools.partial(write_glb, text=text), said)
         for name, (text, said) in GLB.items()
     },
+    (".spz", "no gzip around it"): (
+        lambda path: path.write_bytes(gzip.decompress(path.read_bytes())),
+        "without the gzip around it",
+    ),
+    (".ply", "a pointer"): (
+        lambda path: path.write_bytes(b"version https://git-lfs.github.com/spec/v1\n"),
+        "a pointer of Git LFS in place of the file",
+    ),
+    (".ply", "empty"): (lambda path: path.write_bytes(b""), "it is empty"),
     (".spz", "an archive"): (lambda path: path.write_bytes(b"PK\3\4"), "does not look like one"),
     (".sog", "deep brackets"): (
         lambda path: repack(path, zipfile.ZIP_DEFLATED, {"meta.json": b"[" * 100000}),

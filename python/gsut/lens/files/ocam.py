@@ -36,14 +36,16 @@ def read_ocam(file: LensFile, camera_id: int | str | None) -> Camera:
         if not words or len(blocks) == len(_BLOCKS):
             continue
         name = _BLOCKS[len(blocks)]
+        doubt = "" if blocks else "; is it a calib_results.txt of OCamCalib?"
         try:
             values = [float(word) for word in words]
         except ValueError as error:
-            raise CalibrationError(f"{source}, line {number}: {name}: {error}") from error
+            raise CalibrationError(f"{source}, line {number}: {name}: {error}{doubt}") from error
         length = _LENGTHS.get(name, 1 + int(values[0]) if values[0] > 0 else 2)
         if len(values) != length or not np.isfinite(values).all():
             raise CalibrationError(
                 f"{source}, line {number}: {name}: expected {length} finite numbers, found {words}"
+                f"{doubt}"
             )
         blocks.append((number, values))
     if len(blocks) < len(_BLOCKS):
