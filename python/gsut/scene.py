@@ -160,7 +160,7 @@ def _find_poses(
     if is_finished(out):
         bars.note("poses are found again: those in the folder are of other pictures")
     bars.note(_announce(o, pictures))
-    with contextlib.closing(StageFollower(bars)) as stages:
+    with contextlib.closing(StageFollower(bars, len(pictures.figures["frames"]))) as stages:
         log = PosesLog(stages.show, bars.note, stages.expect)
         figures = find_poses(pictures.path, out, camera=o.camera, options=options, log=log).figures
     return figures, stages.seconds

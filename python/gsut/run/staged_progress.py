@@ -12,13 +12,16 @@ from typing import Any, TextIO
 from gsut.files import FileError, Number, read_json, write_json
 from gsut.run.progress import Progress
 
+_WORK = "work"  # in the file of last runs, beside the stages' seconds
+_SHORT = 0.1  # of all stages' seconds: such a stage says nothing about the others
+
 
 class StagedProgress:
     """The bar of a whole command.
 
     The time left of a stage follows from its own pace, once it has reported some progress. All
     other stages take as long as in the last run on this machine, faster or slower as the finished
-    ones were; those that were not in it take as long as the mean of the others.
+    ones were that are not short; those that were not in it take as long as the mean of the others.
 
     Args:
         command: whose last run is read, and written once all stages have ended.
@@ -46,6 +49,7 @@ class StagedProgress:
         self._last_run: dict[str, float] = _read_last_runs().get(command, {})
         self._bars, self._enabled = Progress(enabled, file), enabled
         self._clock, self._on_progress = clock, on_progress
+        self._work = 0.0  # units of work, if it is known
         self._stage: str | None = None
         self._began = 0.0
         self._done = 0.0  # share of the stage
@@ -64,6 +68,12 @@ class StagedProgress:
         yield
         self.seconds[name] = self._clock() - self._began
         self._stage = None
+
+    def scale(self, stages: Sequence[str], work: float) -> None:
+        """Expects stages to take as long as in the last run per unit of work, such as a picture."""
+        before, self._work = self._last_run.get(_WORK, 0.0), work
+        for name in self._last_run.keys() & stages if before > 0 else ():
+            self._last_run[name] *= work / before
 
     def skip(self, name: str) -> None:
         """Removes a stage that was finished before from the time left."""
@@ -102,8 +112,9 @@ class StagedProgress:
             if self._stage_left is not None or self._done > 0:
                 whole = taken / self._done if self._stage_left is None else taken + self._stage_left
                 own, spent[self._stage] = whole - taken, whole
-        planned = sum(before[name] for name in spent)
-        pace = sum(spent.values()) / planned if planned > 0 else 1.0
+        long = [name for name in spent if before[name] >= _SHORT * sum(before.values())]
+        planned = sum(before[name] for name in long)
+        pace = sum(spent[name] for name in long) / planned if planned > 0 else 1.0
         if self._stage is not None and self._stage not in spent:
             own *= pace
         later = (before[name] for name in self._stages if name not in spent and name != self._stage)
@@ -120,7 +131,8 @@ class StagedProgress:
         self._bars.close()
         is_whole = self._stages and all(name in self.seconds for name in self._stages)
         if self._enabled and error is None and is_whole:
-            _write_last_run(self._command, {name: self.seconds[name] for name in self._stages})
+            seconds = {name: self.seconds[name] for name in self._stages}
+            _write_last_run(self._command, {**seconds, _WORK: self._work})
 
 
 class StageFollower:
@@ -128,10 +140,11 @@ class StageFollower:
 
     Args:
         bars: the bar; its stages are opened and closed as the reports come in.
+        pictures: to which the stages' time is proportional; None: not known.
     """
 
-    def __init__(self, bars: StagedProgress) -> None:
-        self._bars = bars
+    def __init__(self, bars: StagedProgress, pictures: int | None = None) -> None:
+        self._bars, self._pictures = bars, pictures
         self._names: list[str] = []
         self._stage = ""
         self._open = contextlib.ExitStack()
@@ -145,6 +158,8 @@ class StageFollower:
         """Sets the stages, in order."""
         self._names = list(stages)
         self._bars.expect(*stages)
+        if self._pictures is not None:
+            self._bars.scale(stages, self._pictures)
 
     def show(self, stage: str, done: int, total: int, text: str) -> None:
         """Shows how much of a stage is done; an unexpected stage counts to the one before it."""

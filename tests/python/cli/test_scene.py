@@ -15,7 +15,7 @@ import pytest
 
 import gsut
 from gsut.cli import main
-from gsut.run import StagedProgress
+from gsut.run import StagedProgress, StageFollower
 from gsut.training.time_left import Pace
 from small_videos import walk_past
 
@@ -270,6 +270,29 @@ def test_time_left_is_that_of_the_last_run_at_the_pace_of_this_one(tmp_path, mon
     assert bars.seconds == pytest.approx(slower)
     (tmp_path / "gsut/stages.json").write_text("no JSON")
     assert StagedProgress("a command", ("a", "b"), enabled=False).estimate_left() == 2
+
+
+def test_long_first_stage_of_few_pictures_does_not_stretch_the_others(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    clock, file = Clock(), io.StringIO()
+    bars = StagedProgress("a", ("read", "train"), file=file, clock=clock)
+    run_stages(bars, clock, {"read": 1.0, "train": 60.0})
+    bars = StagedProgress("a", ("read", "train"), file=file, clock=clock)
+    with bars.stage("read"):
+        clock.now += 45
+    assert bars.estimate_left() == pytest.approx(60)
+
+
+def test_stages_take_their_time_by_picture(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    clock, file = Clock(), io.StringIO()
+    for pictures, expected in ((20, None), (5, 50)):
+        bars = StagedProgress("a", ("train",), file=file, clock=clock)
+        stages = StageFollower(bars, pictures)
+        stages.expect(["match", "map"])
+        if expected is not None:
+            assert bars.estimate_left() == pytest.approx(expected)
+        run_stages(bars, clock, {"match": 40.0, "map": 40.0, "train": 30.0})
 
 
 def test_staged_bar_never_goes_back_and_skips_what_is_done(tmp_path, monkeypatch):
