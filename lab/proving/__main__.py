@@ -44,8 +44,8 @@ def build_parser() -> argparse.ArgumentParser:
         "--parts",
         default=",".join(_PARTS),
         help="of doctor, poses, scene (a training on these poses, and what it shows between the "
-        "pictures), train (on the true ones), bits (two numbers of threads), causes (seven small "
-        "trainings, six with one thing wrong), "
+        "pictures), train (on the true ones), bits (two numbers of threads), causes (ten small "
+        "trainings, nine with one thing wrong), movers (five of these), "
         "mistakes (the usual ones planted), exact (doctor on right data, whole and thinned), "
         "regret (a training with the degree that it chooses, four with a fixed one) "
         "[default: %(default)s]",

@@ -68,6 +68,8 @@ def score_made(made: Capture, folder: Path, parts: tuple[str, ...]) -> Row:
             row["other_bits"] = compare_threads(made, folder, work)
         if "causes" in parts:
             row |= score_causes(folder / TRUTH, work, made.seed)
+        if "movers" in parts:
+            row |= score_causes(folder / TRUTH, work, made.seed, only="movers")
         if "regret" in parts:
             row["regret"] = measure_regret(folder / TRUTH, work)
     return row

@@ -30,7 +30,9 @@ def test_planted_causes_change_pictures_poses_or_lens(tmp_path):
     found = {name: [what for what, is_so in how.items() if is_so] for name, how in changed.items()}
     assert found == {
         NOTHING: [], "few steps": [], "few Gaussians": [], "few views": ["views"],
-        "moving things": ["pictures"], "wrong poses": ["poses"], "wrong lens": ["lens"],
+        "walking movers": ["pictures"], "small movers": ["pictures"],
+        "middle movers": ["pictures"], "large movers": ["pictures"],
+        "wrong poses": ["poses"], "wrong lens": ["lens"],
     }  # fmt: skip
 
 
@@ -40,7 +42,7 @@ def test_cause_that_a_verdict_names_is_right_or_a_misfire():
     assert name_cause({"level": "good", "reasons": ["a.png is worst"]}) == GOOD
     assert name_cause({"level": "good", "reasons": ["3 % show what moved past"]}) == "movers"
     rows = [{"cause_few steps": said, "cause_few views": said, "cause_wrong lens": GOOD}]
-    assert [find_wrong_cause(rows[0], name) for name in CAUSES] == [None] * 3 + [said] + [None] * 3
+    assert [find_wrong_cause(rows[0], name) for name in CAUSES] == [None] * 3 + [said] + [None] * 6
     assert [m.kind for m in find_misfires(rows[0])] == ["cause not named"]
     assert count_causes(rows) == [
         ("few steps", said, 1, True), ("few views", said, 1, False), ("wrong lens", GOOD, 1, True)
