@@ -132,12 +132,9 @@ def _choose_step_on_wrong(q: TrainingQuality) -> str:
 
 
 def _describe_moved(q: TrainingQuality) -> str:
-    if q.patch == 0:
-        return "something moved"
-    return (
-        f"something moved in a patch of {100 * q.patch:.0f} % of the pictures, and of the rest "
-        f"{100 * q.outside:.0f} % of the detail is right"
-    )
+    where = f" in a patch of {100 * q.patch:.0f} % of the pictures" if q.patch > 0 else ""
+    rest = f"{100 * q.outside:.0f} % of the detail of training views is right"
+    return f"something moved{where}, and of the rest {rest}"
 
 
 def _describe_between(q: TrainingQuality) -> str:
@@ -248,7 +245,7 @@ def judge_training(
         train=metrics.get("detail_train"),
         moving=metrics.get("moving_train", 0.0),
         patch=metrics.get("patch_train", 0.0),
-        outside=metrics.get("detail_outside_train", 0.0),
+        outside=metrics.get("detail_outside_train", metrics.get("detail_train", 0.0)),
         repeat=NextCommand(data, f"{run}-2", options, division, scene),
         accused=None if was_refined and _find_tracks(metrics)["refined"] else accused,
     )
