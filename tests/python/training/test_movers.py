@@ -1,5 +1,7 @@
 """What moved while photographs were taken: found where one contradicts the others, and left out."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -15,7 +17,7 @@ from gsut.run import RunFolder
 from gsut.run.checkpoint import read_checkpoint, write_checkpoint
 from gsut.training import read_trained
 from gsut.training.loop import TrainingLoop
-from gsut.training.photograph import Movers
+from gsut.training.photograph import Movers, movers
 from gsut.training.record import find_run_movers
 from random_scenes import pinhole
 
@@ -126,9 +128,20 @@ def test_movers_finds_all_of_what_stays_in_the_middle(wall, tmp_path, monkeypatc
     scene = write_views(tmp_path / "stays", wall, stays)
     recall, wrong = measure_recall(Movers.find(wall, scene, range(VIEWS)), stays)
     assert recall > tolerances.MOVERS_RECALL and wrong < tolerances.MOVERS_WRONG
-    monkeypatch.setattr("gsut.training.photograph.movers._grow", lambda found, own: found)
+    monkeypatch.setattr("gsut.training.photograph.movers._grow", lambda found, *_: found)
     without = measure_recall(Movers.find(wall, scene, range(VIEWS)), stays)[0]
     assert 1 - recall < (1 - without) / 2
+
+
+@pytest.mark.parametrize(("contradicting", "grows"), [(30, True), (5, False)])
+def test_misfit_is_a_mover_where_enough_of_it_contradicts_the_others(contradicting, grows):
+    misfit, found = np.zeros((2, SIZE, SIZE), np.float32)
+    misfit[10:20, 10:20], found[10:13, 10:13] = 0.5, 1
+    weights = np.where(misfit > 0, -movers._CONTRADICTS, np.float32(0))
+    inside = np.argwhere(misfit > 0)[:contradicting]
+    weights[tuple(inside.T)] += 1
+    look = SimpleNamespace(misfit=misfit, mask=np.ones((SIZE, SIZE), bool))
+    assert movers._grow(found > 0, look, weights, (3, 3))[15, 15] == grows
 
 
 def test_training_leaves_movers_out_and_says_so(wall, tmp_path):
