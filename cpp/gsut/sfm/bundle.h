@@ -46,7 +46,8 @@ struct VelocityPrior {
 };
 
 // What is known of a lens beforehand: mean and standard deviation of each parameter (infinite:
-// nothing); none of either: nothing is known. Of tied parameters the first one's holds.
+// nothing); none of either: nothing is known. Of tied parameters the first one's holds, and of one
+// that is near them (see lens_parameters.h) that of its own amount.
 struct LensPrior {
   std::vector<double> mean, sigma;
 };

@@ -220,8 +220,11 @@ double BundleProblem::EvaluateLensPriors() {
     Eigen::VectorXd& residuals = system_->PriorResiduals(lens_block_[c]);
     for (std::size_t k = 0; k < lens_params_[c].size(); ++k) {
       const int param = lens_params_[c][k];
-      residuals[static_cast<Eigen::Index>(k)] =
-          state_.lenses[c][param] - options_.lens_priors[c].mean[param];
+      const auto column = static_cast<Eigen::Index>(k);
+      // By the column's own amount: without what the columns before it change.
+      residuals[column] =
+          state_.lenses[c][param] - options_.lens_priors[c].mean[param] -
+          lens_columns_[c].row(param).head(column).dot(residuals.head(column));
     }
     residuals.array() *= system_->PriorWeights(lens_block_[c]).array();
     cost += 0.5 * residuals.squaredNorm();

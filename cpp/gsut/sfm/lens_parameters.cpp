@@ -13,14 +13,12 @@ namespace {
 
 using Matrix = Eigen::Matrix<double, Eigen::Dynamic, Eigen::Dynamic, Eigen::RowMajor>;
 
-// A parameter block that only moves along the columns of a matrix, which are orthogonal.
+// A parameter block that only moves along the columns of a matrix.
 class LinearManifold : public ceres::Manifold {
  public:
-  // Columns are disjoint, hence orthogonal: the pseudo-inverse is their transpose, scaled.
   explicit LinearManifold(Matrix columns)
       : columns_(std::move(columns)),
-        inverse_(columns_.colwise().squaredNorm().cwiseInverse().asDiagonal() *
-                 columns_.transpose()) {}
+        inverse_(columns_.completeOrthogonalDecomposition().pseudoInverse()) {}
 
   int AmbientSize() const override { return static_cast<int>(columns_.rows()); }
   int TangentSize() const override { return static_cast<int>(columns_.cols()); }
@@ -70,12 +68,16 @@ void CheckLensFlags(const std::vector<Camera>& cameras,
 }
 
 // params = start + columns * unknowns: one column a free parameter, and one column of several ones
-// for parameters with the same flag above kLensFree, which so move together.
+// for parameters with the same flag above kLensFree, which so move together; kLensNear is in both.
 Eigen::MatrixXd FreeLensColumns(const std::vector<std::uint8_t>& free) {
   std::vector<std::vector<int>> columns;
   std::map<int, std::size_t> column_of_group;
   for (std::size_t k = 0; k < free.size(); ++k) {
     if (!free[k]) continue;
+    const auto tied = column_of_group.find(kLensTied);
+    if (free[k] == kLensNear && tied != column_of_group.end()) {
+      columns[tied->second].push_back(static_cast<int>(k));
+    }
     // Flag 1 makes a column of its own, hence a key that no other parameter has.
     const auto [group, added] = column_of_group.try_emplace(
         free[k] == kLensFree ? -1 - static_cast<int>(k) : free[k], columns.size());

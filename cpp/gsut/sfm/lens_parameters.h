@@ -14,8 +14,9 @@
 namespace gsut {
 
 // A parameter's flag: 0 held, 1 free by itself; those of one larger flag change by the same amount
-// (the focal lengths of square pixels).
-inline constexpr std::uint8_t kLensFree = 1;
+// (the focal lengths of square pixels), and one of flag 3 by that of flag 2 and an amount of its
+// own (of pixels that are nearly square).
+inline constexpr std::uint8_t kLensFree = 1, kLensTied = 2, kLensNear = 3;
 
 // lens_free[c]: one flag a parameter of camera c, or none if it is held; empty: all are held.
 // Throws InputError if it does not fit the cameras.
@@ -23,7 +24,7 @@ void CheckLensFlags(const std::vector<Camera>& cameras,
                     const std::vector<std::vector<std::uint8_t>>& lens_free);
 
 // How the parameters of a lens change by what a solver changes: one column for each parameter that
-// is free by itself and each group of tied ones.
+// has an amount of its own and each group of tied ones.
 Eigen::MatrixXd FreeLensColumns(const std::vector<std::uint8_t>& free);
 
 // Indices of the parameters that have a flag.

@@ -10,11 +10,19 @@ import tolerances
 from gsut.lens import Camera
 from gsut.sfm.lens import free_center, judge_lens
 from gsut.sfm.lens.covariance import estimate_lens_sigmas
+from gsut.sfm.lens.information import spread_free_parameters
 from gsut.sfm.mapping import PosesLog
-from gsut.sfm.solution import CENTER, Adjustment, adjust_registered
+from gsut.sfm.solution import (
+    CENTER,
+    Adjustment,
+    LensFlag,
+    adjust_registered,
+    find_lens_prior,
+)
 from made_flight import FREE, LENS, fly_again
 
 WIDER = 60  # pixels that the picture reaches farther to the right: its middle moves by half of it
+STRETCH = 1.003  # height of a pixel over its width
 CENTER_FREE = FREE.copy()
 CENTER_FREE[list(CENTER)] = 1
 
@@ -55,6 +63,26 @@ def test_center_that_images_leave_open_stays_at_the_middle_with_the_priors_sigma
     assert sigma == pytest.approx([width, width], rel=tolerances.CENTER_OPEN)
     held, _ = find_center(run, 1e-9)
     assert held == pytest.approx([WIDER / 2, 0], abs=tolerances.CENTER_HELD_PX)
+
+
+def test_pixels_that_are_not_square_are_found_where_turns_determine_them():
+    run = fly_again(1, relief=0.3, turn=0.5)
+    stretched = [
+        dataclasses.replace(each, pixels=each.pixels * [1.0, STRETCH]) for each in run.features
+    ]
+    found = free_center(run.replace(features=stretched))
+    across, down = found.solved.cameras[0].params[:2]
+    assert abs(down / across - STRETCH) < (STRETCH - 1) / 2  # as square ones it is twice as much
+
+
+def test_pixels_are_square_as_far_as_is_known_beforehand_where_features_are_few():
+    lens = Camera(LENS.model, [520, 530, *LENS.params[2:]], LENS.width, LENS.height)
+    flags = np.array([LensFlag.TIED, LensFlag.NEAR, 0, 0, 0, 0, 0, 0])
+    mean, sigma = find_lens_prior(lens, flags)
+    assert mean[1] == 520 and np.isinf(np.delete(sigma, 1)).all()
+    assert 0 < sigma[1] < 520 * (STRETCH - 1)
+    columns = spread_free_parameters(flags)
+    assert np.array_equal(columns[:2], [[1, 0], [1, 1]]) and not columns[2:].any()
 
 
 @pytest.mark.parametrize(("signs", "is_estimated"), [(None, True), (1.0, True), (3.0, False)])

@@ -13,8 +13,6 @@ from gsut.data.images import read_header
 from gsut.lens import Camera
 from gsut.sfm.photographs import TANGENT, Features, LensGroup, Photographs
 
-FREE = 1  # flag of a parameter that is estimated by itself
-TIED = 2  # flag of the focal lengths, which change by one factor
 _FISHEYE_FROM = 110.0  # degrees across: wider guesses are fisheyes from the start
 _WIDEST_PERSPECTIVE = 130.0  # degrees across: beyond it tan() stretches the image's edge too much
 _UNREADABLE_SIZE = (640, 480)  # pixels, of a camera whose images cannot be read and get no pose

@@ -1,4 +1,4 @@
-"""Estimates the principal point of the one lens, once the poses of all photographs are known."""
+"""Estimates principal point and shape of pixels of the one lens, once all poses are known."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ import numpy as np
 from gsut._core import SolveError
 from gsut.judge import SURE
 from gsut.lens import Camera
-from gsut.sfm.lens.candidates import FREE, explain_implausible
+from gsut.sfm.lens.candidates import explain_implausible
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import PairMatches, keep_most_distinct
-from gsut.sfm.solution import CENTER, Adjustment, Solution, adjust_registered
+from gsut.sfm.solution import CENTER, Adjustment, LensFlag, Solution, adjust_registered
 
 # Share of the prior's standard deviation below which images determine a principal point.
 _DETERMINED = 0.5
 
 
 def free_center(mapping: Mapping) -> Mapping:
-    """Estimates the principal point with everything else, near the middle as far as priors say.
+    """Estimates principal point and shape of pixels with everything else, as far as priors say.
 
-    The middle was assumed so far. It stays where the lens is known, under a rolling shutter, for
-    two lenses in one frame, and for a video that may have a rolling shutter. Nothing else
-    decides: where images say little of the point, its prior holds it.
+    The middle and square pixels were assumed so far. They stay where the lens is known, under a
+    rolling shutter, for two lenses in one frame, and for a video that may have a rolling shutter.
+    Nothing else decides: where images say little of them, their priors hold them.
 
     Returns:
         The run with solution and `lens_free`.
@@ -37,7 +37,8 @@ def free_center(mapping: Mapping) -> Mapping:
     if photographs.flows and mapping.options.shutter == "auto" and not signs < SURE:
         return mapping
     freed = flags.copy()
-    freed[list(CENTER)] = FREE
+    freed[list(CENTER)] = LensFlag.FREE
+    freed[1] = LensFlag.NEAR
     try:
         # Poses that a wrong centre bent straighten up in the first adjustment.
         free = _adjust(mapping, solution, keep_most_distinct(mapping.pairs), freed)

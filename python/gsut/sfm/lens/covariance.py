@@ -48,7 +48,7 @@ def estimate_lens_sigmas(
     noise = math.sqrt(FEATURE_VARIANCE * seen.median / MEDIAN_SQUARE)
     priors = np.concatenate(
         [
-            (noise / find_lens_prior(camera, flags)[1]) ** 2 @ basis
+            (noise / find_lens_prior(camera, flags)[1][basis.argmax(axis=0)]) ** 2
             for camera, flags, basis in zip(
                 seen.lenses.cameras, seen.lenses.free, seen.bases, strict=True
             )

@@ -10,13 +10,13 @@ import numpy as np
 from gsut._core import SolveError
 from gsut.judge.checks import FOCAL_LIMIT
 from gsut.lens import Camera, find_focal_params, has_focal_length
-from gsut.sfm.lens.candidates import TIED
 from gsut.sfm.lens.covariance import estimate_lens_sigmas
 from gsut.sfm.lens.prior import find_focal
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import PairMatches, choose_connected_pairs, keep_most_distinct
 from gsut.sfm.solution import (
     Adjustment,
+    LensFlag,
     LensFlags,
     Solution,
     adjust_registered,
@@ -39,7 +39,7 @@ def check_given_lens(mapping: Mapping) -> Mapping:
         return mapping
     flags = np.zeros(len(lens.params), np.uint8)
     focal = find_focal_params(lens)
-    flags[focal] = TIED
+    flags[focal] = LensFlag.TIED
     posed = [p for p in mapping.pairs if solution.registered[[p.first, p.second]].all()]
     pairs = keep_most_distinct(choose_connected_pairs(posed, _IMAGES))
     try:

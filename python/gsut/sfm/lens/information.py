@@ -17,6 +17,7 @@ from gsut import _core
 from gsut.data.poses import find_centers
 from gsut.sfm.solution import (
     LOSS_SCALE,
+    LensFlag,
     LensFlags,
     Solution,
     StatedTurns,
@@ -199,11 +200,17 @@ def invert_scaled(normal: np.ndarray) -> np.ndarray:
 
 
 def spread_free_parameters(flags: np.ndarray) -> np.ndarray:
-    """Returns (K, F) with a column for each free parameter or tied group of the flags (K,)."""
+    """Returns (K, F) with a column for each free parameter or tied group of the flags (K,).
+
+    A parameter that is near tied ones is in their column and has its own.
+    """
     flags = np.asarray(flags).astype(int)
-    groups = np.where(flags == 1, -1 - np.arange(len(flags)), flags)
+    groups = np.where(flags == LensFlag.FREE, -1 - np.arange(len(flags)), flags)
     wanted = list(dict.fromkeys(groups[flags > 0].tolist()))
-    return np.stack([groups == group for group in wanted], axis=1).astype(np.float64)
+    columns = np.stack([groups == group for group in wanted], axis=1).astype(np.float64)
+    near = np.ix_(groups == LensFlag.NEAR, np.array(wanted) == LensFlag.TIED)
+    columns[near] = 1.0
+    return columns
 
 
 def differentiate_by_turn(by_point: np.ndarray, p: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ import numpy as np
 
 from gsut._core import SolveError
 from gsut.lens import Camera, convert_camera
-from gsut.sfm.lens.candidates import FREE, TIED, explain_implausible, list_lens_ladder
+from gsut.sfm.lens.candidates import explain_implausible, list_lens_ladder
 from gsut.sfm.lens.ranking import LensRanking, RankedLens
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import (
@@ -21,13 +21,14 @@ from gsut.sfm.matches import (
     select_pairs,
     verify_matches,
 )
-from gsut.sfm.solution import Adjustment, Solution, solve_poses
+from gsut.sfm.solution import Adjustment, LensFlag, Solution, solve_poses
 
 # Estimated first of a Kannala-Brandt lens: the focal length and k1.
-START = np.array([TIED, TIED, 0, 0, FREE, 0, 0, 0], np.uint8)
+_FOCAL = [LensFlag.TIED, LensFlag.TIED, 0, 0]
+START = np.array([*_FOCAL, LensFlag.FREE, 0, 0, 0], np.uint8)
 # Estimated of all images: of a perspective lens k1 and k2, of a fisheye k1 to k4.
-_PERSPECTIVE = np.array([TIED, TIED, 0, 0, FREE, FREE, 0, 0], np.uint8)
-_FISHEYE = np.array([TIED, TIED, 0, 0, FREE, FREE, FREE, FREE], np.uint8)
+_PERSPECTIVE = np.array([*_FOCAL, *[LensFlag.FREE] * 2, 0, 0], np.uint8)
+_FISHEYE = np.array([*_FOCAL, *[LensFlag.FREE] * 4], np.uint8)
 _FIRST_IMAGES = 14  # best connected with each other, on which the first lenses are compared
 _MOST_FIRST = 3  # lenses of the ranking that are reconstructed with
 _NEAR_BEST = 0.96  # share of the best lens' score that such a lens must have

@@ -21,6 +21,7 @@ from gsut.sfm.rig.start import place_rig
 from gsut.sfm.solution import (
     CENTER,
     Adjustment,
+    LensFlag,
     LensFlags,
     ReadoutMotion,
     RigConstraint,
@@ -32,7 +33,6 @@ from gsut.sfm.solution import (
 )
 
 RIG = "rig.json"
-FREE = 1  # flag of a parameter that is estimated by itself
 # Share of itself that a motion during a readout may change by once places are stated.
 _PLACED_RATES = 0.1
 
@@ -81,7 +81,7 @@ def _free_centers(lens_free: LensFlags) -> LensFlags:
     for flags in lens_free:
         if flags is not None and id(flags) not in freed:
             own = flags.copy()
-            own[list(CENTER)] = FREE
+            own[list(CENTER)] = LensFlag.FREE
             freed[id(flags)] = own
     return [None if flags is None else freed[id(flags)] for flags in lens_free]
 

@@ -14,8 +14,8 @@ from gsut.data.rigs import Rig
 from gsut.gaussians import measure_rotation_angles
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.photographs import Photographs
-from gsut.sfm.rig.fit import FREE, RIG, put_on_rig
-from gsut.sfm.solution import CENTER, Solution
+from gsut.sfm.rig.fit import RIG, put_on_rig
+from gsut.sfm.solution import CENTER, LensFlag, Solution
 
 LENS_NAMES = ("front", "back")
 _FEWEST = 4  # frames of which both images have a pose
@@ -54,7 +54,7 @@ def find_lens_pair(mapping: Mapping) -> Mapping:
     assert photographs.rig_cameras is not None
     cameras = [rig.cameras[camera] for camera in photographs.rig_cameras]
     flags = flags.copy()
-    flags[list(CENTER)] = FREE  # circles are found to a pixel only
+    flags[list(CENTER)] = LensFlag.FREE  # circles are found to a pixel only
     of_rig = dataclasses.replace(photographs, cameras=cameras)
     through_both = dataclasses.replace(alone, cameras=cameras)
     try:

@@ -5,6 +5,7 @@ from gsut.sfm.solution.adjustment import (
     LOSS_SCALE,
     MIN_INLIERS,
     Adjustment,
+    LensFlag,
     LensFlags,
     ReadoutMotion,
     RigConstraint,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import enum
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -14,11 +15,22 @@ from gsut.lens import Camera
 from gsut.sfm.photographs import TANGENT
 from gsut.sfm.solution.result import FEATURE_VARIANCE, Solution
 
+
+class LensFlag(enum.IntEnum):
+    """How a parameter of a lens is estimated; 0: it is held."""
+
+    FREE = 1  # by itself
+    TIED = 2  # by the same amount as the others of this flag: focal lengths of square pixels
+    NEAR = 3  # by that amount and a small one of its own: pixels that are nearly square
+
+
 # Parameters of the principal point of every lens that is estimated.
 CENTER = (2, 3)
 # Standard deviation of a coordinate of a principal point from the middle of its picture, over the
 # diagonal: of the lens database's cameras.
 CENTER_SIGMA = 0.012
+# Standard deviation of fy over fx: of the lens database's cameras, by their median.
+_ASPECT_SIGMA = 0.0012
 # Standard deviation of what a higher coefficient of the distortion shifts the edge of a picture by,
 # over its distance from the middle.
 _EDGE_SIGMA = 0.2
@@ -185,9 +197,9 @@ class Adjustment:
     """What is adjusted beside poses and points, and how.
 
     Args:
-        lens_free: (K,) flags of the parameters of the one lens: 0 held, 1 estimated, equal flags
-            above 1 tied; or such flags of each image's lens, one array a lens, None for one that is
-            known; None: all lenses are known.
+        lens_free: (K,) flags of the parameters of the one lens, see `LensFlag`; or such flags of
+            each image's lens, one array a lens, None for one that is known; None: all lenses are
+            known.
         lens_settled: the lens is nearly right, so that estimating it at the end is enough.
         covariances: False for a trial: they are 0, the solver ends at a rougher tolerance, and
             `solve_poses` extends no tracks.
@@ -270,8 +282,10 @@ def find_lens_prior(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Finds what is known of a lens's free parameters beforehand: means and sigmas (K,).
 
-    A principal point lies near the middle of its picture. Coefficients of the distortion after the
-    first are near those of a lens r = f tan(b theta) / b that bends as the first one says, or 0.
+    A principal point lies near the middle of its picture. Pixels are nearly square: of an fy that
+    is near fx, the values are fx and the standard deviation of their difference. Coefficients of
+    the distortion after the first are near those of a lens r = f tan(b theta) / b that bends as the
+    first one says, or 0.
 
     Args:
         flags: (K,), see `Adjustment`; None: all parameters are known.
@@ -283,6 +297,8 @@ def find_lens_prior(
     if np.any(flags[list(CENTER)]):
         mean[list(CENTER)] = camera.width / 2, camera.height / 2
         sigma[list(CENTER)] = center_sigma * math.hypot(camera.width, camera.height)
+    if flags[1] == LensFlag.NEAR:
+        mean[1], sigma[1] = mean[0], _ASPECT_SIGMA * mean[0]
     edge = _find_edge(camera)
     if camera.model == "kannala_brandt":
         power = np.arange(2, 5)
