@@ -8,6 +8,7 @@ import math
 import numpy as np
 
 from gsut._core import SolveError
+from gsut.judge import SURE
 from gsut.judge.checks import FOCAL_LIMIT
 from gsut.lens import Camera, find_focal_params, has_focal_length
 from gsut.sfm.lens.covariance import estimate_lens_sigmas
@@ -30,7 +31,8 @@ def check_given_lens(mapping: Mapping) -> Mapping:
     """Adds to the findings how far the photographs contradict the focal length of a given lens.
 
     Some images are adjusted again with the focal length free. Where the difference would lower the
-    verdict, the same images with the focal length held decide whether it may be chance. Does
+    verdict and is more than these images leave open, the same images with the focal length held
+    decide whether it may be chance. Does
     nothing for a rig, several lenses, or a lens that has no focal length.
     """
     solution = mapping.solved
@@ -46,14 +48,14 @@ def check_given_lens(mapping: Mapping) -> Mapping:
         free = _adjust(mapping, pairs, flags)
         (known,) = estimate_lens_sigmas(free, flags)
         given, own = float(lens.params[focal[0]]), find_focal(free)
-        agrees = abs(math.log(own / given)) <= FOCAL_LIMIT
+        sigma = float(known[focal[0]]) / own
+        agrees = abs(math.log(own / given)) <= max(FOCAL_LIMIT, SURE * sigma)
         if not agrees:
             held = _adjust(mapping, pairs, None)
             found = compare_solutions(held, free, mapping.features, pairs, more_free=1)
             agrees = not found.is_rival
     except SolveError:  # nothing can be said
         return mapping
-    sigma = float(known[focal[0]]) / own
     figures = {
         "px": given, "images_px": own, "images_sigma_percent": 100 * sigma, "agrees": agrees,
     }  # fmt: skip
