@@ -13,6 +13,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.check.findings import Finding
+from gsut.check.samples import FEWEST, choose_views
 from gsut.data import Scene, list_some
 from gsut.run import Progress
 
@@ -20,23 +21,18 @@ EXPECTED_R = 0.5  # correlation; good real data reach 0.7 to 0.95
 _LEAST_VIEW_R = 0.25  # correlation below which a single view is suspect if the others are good
 _ORDER_GAIN = 0.03  # correlation gained by another order of colours that is worth a warning
 _CELLS = 48  # cells along the image's longer side: fine enough that few points are thinned out
-_VIEWS_TESTED = 16  # views: enough for a stable median
-_FEWEST_POINTS = 30  # in a view; the correlation of fewer means little
 
 
-def check_colors(
-    scene: Scene, *, views: int = _VIEWS_TESTED, progress: bool = True
-) -> Iterator[Finding]:
+def check_colors(scene: Scene, *, progress: bool = True) -> Iterator[Finding]:
     """Correlates the colours of projected points with the pixels of some views.
 
     Args:
         scene: at full size, with coloured points; yields nothing otherwise.
-        views: the number of views examined.
         progress: show a bar.
     """
-    if len(scene.points) < _FEWEST_POINTS or np.ptp(scene.point_colors) == 0:
+    if len(scene.points) < FEWEST or np.ptp(scene.point_colors) == 0:
         return
-    chosen = np.unique(np.linspace(0, len(scene) - 1, views).round().astype(int)).tolist()
+    chosen = choose_views(range(len(scene)))
     per_view = {}
     for index in Progress(progress).iterate("colours", chosen):
         r = correlate_colors(scene, index)
@@ -123,7 +119,7 @@ class _SeenPoints:
         nearest = np.full((_CELLS + 1) ** 2, -1)
         nearest[cell[::-1]] = rows[::-1]  # the last one written to a cell stays: the nearest
         first = nearest[nearest >= 0]
-        if len(first) < _FEWEST_POINTS:
+        if len(first) < FEWEST:
             return None
         points = self.colors[first].astype(np.float64).ravel()
         seen = self.image[y[first], x[first]].astype(np.float64).ravel()

@@ -21,8 +21,6 @@ from gsut.check.points import check_points_frame
 from gsut.data import Scene, assemble, load_dataset, read_dataset
 from gsut.data.scene import TEST_EVERY, find_bad_depths
 
-_COLOR_VIEWS = 5  # views whose colours the quick check compares: enough for a median
-
 
 def check_scene(scene: Scene, matches: list[ImagePair] | None = None) -> list[Finding]:
     """Checks lens, poses and points against some photographs, within seconds.
@@ -36,17 +34,17 @@ def check_scene(scene: Scene, matches: list[ImagePair] | None = None) -> list[Fi
     """
     findings = [*check_lenses(scene), *check_poses(scene), *check_points(scene)]
     findings += [*check_bits(scene), *check_seams(scene), *check_masks(scene)]
-    return sort_findings([*findings, *check_against_photographs(scene, _COLOR_VIEWS, matches)])
+    return sort_findings([*findings, *check_against_photographs(scene, True, matches)])
 
 
 def check_against_photographs(
-    scene: Scene, color_views: int | None = None, matches: list[ImagePair] | None = None
+    scene: Scene, with_colors: bool = False, matches: list[ImagePair] | None = None
 ) -> list[Finding]:
     """Checks poses and lens by matches of neighbouring photographs, points by distance and colour.
 
     Args:
         scene: from `load_dataset`.
-        color_views: number of views whose colours are compared; None skips this comparison.
+        with_colors: compare the colours of points with the photographs.
         matches: from `match_neighbours`, if already computed.
     """
     evidence = gather_evidence(scene.move_origin((0.0, 0.0, 0.0)), matches)
@@ -56,9 +54,9 @@ def check_against_photographs(
     points = check_points_frame(scene, evidence)
     if not points:
         findings += check_depths(scene, evidence)
-    if points or color_views is None:
+    if points or not with_colors:
         return [*findings, *points]
-    return [*findings, *check_colors(scene, views=color_views, progress=False)]
+    return [*findings, *check_colors(scene, progress=False)]
 
 
 def diagnose(

@@ -9,11 +9,10 @@ import numpy as np
 from gsut._core import InputError
 from gsut.check.evidence import Evidence
 from gsut.check.findings import Finding
+from gsut.check.samples import FEWEST, choose_views
 from gsut.data import Scene
 from gsut.data.scene import find_visible_points, read_depth
 
-_VIEWS = 16  # whose points are compared: enough for a median
-_FEWEST = 50  # samples that decide
 _NEAR_AXIS = 0.97  # cosine to the axis above which z and distance differ too little to decide
 _AGREES = 0.02  # median relative difference below which files agree with points
 _OTHER_UNIT = 1.5  # factor beyond which depths are in another unit, not just inexact
@@ -44,9 +43,9 @@ def check_depths(scene: Scene, evidence: Evidence | None) -> list[Finding]:
         A warning that says in which unit, or as what, the files would agree, or nothing.
     """
     others, samples = "the points", [*_sample_points(scene)]
-    if sum(len(each[0]) for each in samples) < _FEWEST and evidence is not None:
+    if sum(len(each[0]) for each in samples) < FEWEST and evidence is not None:
         others, samples = "the matches of the photographs", [*_sample_matches(scene, evidence)]
-    if sum(len(each[0]) for each in samples) < _FEWEST:
+    if sum(len(each[0]) for each in samples) < FEWEST:
         return []
     depth, distance, cosine = np.log(np.concatenate([np.stack(each) for each in samples], axis=1))
     offs = [depth - power * distance - tilt * cosine for _, power, tilt in _KINDS]
@@ -69,7 +68,7 @@ def check_depths(scene: Scene, evidence: Evidence | None) -> list[Finding]:
             )
         ]
     off_axis = np.exp(cosine) < _NEAR_AXIS
-    if np.count_nonzero(off_axis) < _FEWEST:
+    if np.count_nonzero(off_axis) < FEWEST:
         return []
     given, *others_off = (float(np.median(np.abs(off[off_axis]))) for off in offs)
     return [
@@ -85,8 +84,7 @@ def _warn(scene: Scene, what: str, advice: str) -> Finding:
 
 def _sample_points(scene: Scene) -> Iterator[tuple[np.ndarray, ...]]:
     views = [view for view, each in enumerate(scene.views) if each.depth_path is not None]
-    step = -(-len(views) // _VIEWS) or 1
-    for view in views[::step] if len(scene.points) else ():
+    for view in choose_views(views) if len(scene.points) else ():
         yield _look_up(scene, view, *find_visible_points(scene, view, scene.points))
 
 

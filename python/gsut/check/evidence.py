@@ -13,6 +13,8 @@ from gsut.check.matches import ImagePair, match_neighbours, order_in_time
 from gsut.data import Scene
 from gsut.data.poses import OPENGL_FROM_OPENCV
 from gsut.judge import (
+    MOMENTS,
+    TINY,
     Dataset,
     Matches,
     Structure,
@@ -32,8 +34,6 @@ _NOISE = 1.5e-3  # of the diagonal: about a pixel of the small images that featu
 _WRONG = 4.0  # times the noise: a match that is farther off is wrong, however wrong the others are
 _PARALLAX = 5.0  # times the tolerance: rays less apart give no distance worth comparing
 _STEP_PX = 0.01  # of differences between rays: small beside a pixel, large beside rounding
-_MOMENTS = 16  # of a readout, of views whose poses know of none
-_TINY = 1e-12  # keeps quotients finite
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -107,7 +107,7 @@ class Evidence:
             rays[:, rows] = found.reshape(3, -1, 3)
         x, y = (rays[1:] - rays[0]) / _STEP_PX
         area = np.linalg.norm(np.cross(x, y), axis=-1)
-        return rays[0], 1 / np.sqrt(np.maximum(area, _TINY))
+        return rays[0], 1 / np.sqrt(np.maximum(area, TINY))
 
     def measure_errors(self, data: Dataset) -> np.ndarray:
         """Measures how far the matches, then shared features, are from what a dataset says.
@@ -261,8 +261,8 @@ def _find_moments(scene: Scene, pair: ImagePair) -> np.ndarray:
         if view.camera_from_world_start is not None:
             found.append(find_readout_moments(view, camera, pixels))
             continue
-        line = np.floor(_MOMENTS * pixels[:, 1] / camera.height).astype(np.int64)
-        found.append(np.clip(line, 0, _MOMENTS - 1))
+        line = np.floor(MOMENTS * pixels[:, 1] / camera.height).astype(np.int64)
+        found.append(np.clip(line, 0, MOMENTS - 1))
     return np.stack(found)
 
 

@@ -7,17 +7,15 @@ from collections.abc import Iterator
 import numpy as np
 
 from gsut.check.findings import Finding, make_reporters
+from gsut.check.samples import FEWEST, POINTS, SIDE
 from gsut.data import Scene, list_some
 from gsut.data.points import UNCOLORED, has_colors
 
-_LENS_SIDE = 800  # pixels: lenses are checked on images of at most this longer side
 _NO_RAY_MUCH = 0.4  # share of pixels; a 180-degree circle in a square image leaves 0.21
 _NARROWEST = 1.0  # degrees off the axis, which the longest photographic lenses see
 _SAME_PLACE = 1e-6  # of the extent: cameras this near are at one place
 _COLLINEAR = 1e-3  # second over first singular value of the centres, for cameras on one line
 _FEW_POINTS = 100  # from which a scene can start well
-_FEW_POINTS_IN_VIEW = 20  # with fewer a view's pose is suspect
-_POINTS_TESTED = 5000  # evenly chosen: enough for shares of a percent
 _FAR_FROM_ORIGIN = 1e3  # distance over extent at which float32 coordinates lose about 0.1 mm in 1 m
 _USUAL_EXTENTS = (1e-2, 1e3)  # units; others work but deserve a note
 _POSSIBLE_EXTENTS = (1e-4, 1e5)  # units; others come of a mistake
@@ -31,8 +29,8 @@ def check_lenses(scene: Scene) -> Iterator[Finding]:
         where = f"camera {number} ({camera.model}, {camera.width} x {camera.height})"
         inform, warn = make_reporters(where)
         longer = max(camera.width, camera.height)
-        sizes = [max(1, side * _LENS_SIDE // longer) for side in (camera.width, camera.height)]
-        rays, valid = (camera if longer <= _LENS_SIDE else camera.resize(*sizes)).rays()
+        sizes = [max(1, side * SIDE // longer) for side in (camera.width, camera.height)]
+        rays, valid = (camera if longer <= SIDE else camera.resize(*sizes)).rays()
         blind = 1 - float(np.mean(valid))
         angles = np.arctan2(np.hypot(rays[..., 0], rays[..., 1]), rays[..., 2])
         angles = np.degrees(angles[np.asarray(valid, bool)])
@@ -179,10 +177,10 @@ def check_points(scene: Scene) -> Iterator[Finding]:
             "the poses may be world-to-camera or use other axes: compare with the format's"
             " description; or points and poses are of different models or scales",
         )
-    few = [scene.views[i].name for i in np.flatnonzero(per_view * count < _FEW_POINTS_IN_VIEW)]
+    few = [scene.views[i].name for i in np.flatnonzero(per_view * count < FEWEST)]
     if few and seen.any():
         yield inform(
-            f"{len(few)} views see fewer than {_FEW_POINTS_IN_VIEW} points: {list_some(few)}",
+            f"{len(few)} views see fewer than {FEWEST} points: {list_some(few)}",
             "they look away from the points, or their poses are wrong",
         )
     center = np.mean([view.camera_center for view in scene.views], axis=0)
@@ -197,7 +195,7 @@ def check_points(scene: Scene) -> Iterator[Finding]:
 
 def _find_seen_points(scene: Scene) -> np.ndarray:
     """Returns (V, P) bool: which of some evenly chosen points lie in each view's image."""
-    step = -(-len(scene.points) // _POINTS_TESTED)
+    step = -(-len(scene.points) // POINTS)
     points = scene.points[::step]
     seen = np.zeros((len(scene), len(points)), bool)
     for index, view in enumerate(scene.views):

@@ -9,12 +9,12 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.check.findings import Finding, finding_from_error
+from gsut.check.samples import SIDE, choose_views
 from gsut.data import Scene, list_some
 from gsut.data.images import find_largest_value, shrink_mask
 from gsut.run import Progress
 
 _THUMB = 32  # pixels a side of a thumbnail: enough to distinguish two frames of a film
-_SHARPNESS_WIDTH = 640  # pixels: sharpness is measured on images shrunk to this width
 _BLURRY = 0.3  # share of the dataset's median sharpness below which an image counts as blurred
 _BRIGHTNESS_STOPS = 0.7  # photographic stops away from the dataset's median
 _SATURATED = 0.1  # share of over-exposed pixels from which detail is lost
@@ -22,7 +22,6 @@ _OVER_EXPOSED = 254  # grey level in all channels; JPEG turns 255 into this
 _BLACK = 0.5  # share of black pixels from which an image shows too little
 _DARKEST = 2  # grey level up to which a pixel counts as black; JPEG turns 0 into this
 _REPEATED = 0.3  # grey levels RMS between the thumbnails of two copies of a picture
-_BITS_TESTED = 4  # pictures: if all of them have small values, so have the others
 _SURELY_BITS = 12  # of 16: a photograph this dark, a 16th of the range, was not meant to be
 _NOISE = 2.0  # grey levels between neighbouring pixels of an even surface
 _NO_SEAM = 4.0  # differences across the edges over those beside them; 1 in panoramas
@@ -44,9 +43,8 @@ class ImageStats:
 
 def check_bits(scene: Scene) -> Iterator[Finding]:
     """Checks whether files of 16 bits hold 10, 12 or 14; decodes some of them."""
-    chosen = np.unique(np.linspace(0, len(scene) - 1, _BITS_TESTED).round().astype(int))
     largest = 0
-    for index in chosen:
+    for index in choose_views(range(len(scene))):
         try:
             found = find_largest_value(scene.views[index].image_path)
         except InputError:  # reported by the other checks
@@ -69,9 +67,8 @@ def check_bits(scene: Scene) -> Iterator[Finding]:
 def check_seams(scene: Scene) -> Iterator[Finding]:
     """Checks whether the left and right edges of panoramas meet; decodes some of them."""
     views = [k for k in range(len(scene)) if scene.camera(k).model == "equirectangular"]
-    step = -(-len(views) // _BITS_TESTED) or 1
     ratios = []
-    for view in views[::step]:
+    for view in choose_views(views):
         try:
             pixels, mask = scene.image(view).astype(np.float32), scene.mask(view)
         except InputError:  # reported by the other checks
@@ -122,7 +119,7 @@ def _measure_image(scene: Scene, index: int) -> ImageStats:
 
     pixels, mask = scene.image(index), scene.mask(index)
     grey = cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY)
-    width = min(_SHARPNESS_WIDTH, grey.shape[1])
+    width = min(SIDE, grey.shape[1])
     height = max(1, round(grey.shape[0] * width / grey.shape[1]))
     small = cv2.resize(grey, (width, height), interpolation=cv2.INTER_AREA)
     valid = shrink_mask(mask, width, height)

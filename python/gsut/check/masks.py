@@ -8,19 +8,18 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.check.findings import Finding
+from gsut.check.samples import SIDE, choose_views
 from gsut.data import Scene
 from gsut.data.images import decode_mask, shrink_image, shrink_mask
 
-_VIEWS = 5  # whose masks are read: enough for a share
 _MOST = 0.5  # share of the pixels from which a mask may be inverted
-_SIDE = 256  # pixels: detail is compared on images of this width
 
 
 def check_masks(scene: Scene) -> Iterator[Finding]:
     """Reads some of the masks; yields the share that they leave out, and what is wrong with it."""
     masked = [i for i, view in enumerate(scene.views) if view.mask_path is not None]
     shares, details = [], []
-    for index in masked[:: -(-len(masked) // _VIEWS) or 1]:
+    for index in choose_views(masked):
         path = scene.views[index].mask_path
         assert path is not None
         try:
@@ -52,7 +51,7 @@ def _compare_detail(pixels: np.ndarray, kept: np.ndarray) -> float:
     """Returns how much more detail a mask leaves out than it keeps, as a ratio."""
     import cv2
 
-    width = min(_SIDE, pixels.shape[1])
+    width = min(SIDE, pixels.shape[1])
     size = width, max(1, round(pixels.shape[0] * width / pixels.shape[1]))
     grey = cv2.cvtColor(shrink_image(pixels, *size), cv2.COLOR_RGB2GRAY)
     edges = np.abs(cv2.Laplacian(grey, cv2.CV_32F))

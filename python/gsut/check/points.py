@@ -9,11 +9,11 @@ import numpy as np
 from gsut.check.colors import EXPECTED_R, correlate_colors
 from gsut.check.evidence import Evidence
 from gsut.check.findings import Finding
+from gsut.check.samples import FEWEST, POINTS, choose_views
 from gsut.data import Scene
 from gsut.data.points import has_colors
 from gsut.judge import list_signed_permutations
 
-_FEWEST = 30  # points, or triangulated matches, of which a median is trusted
 _UNITS = {  # points' unit over the poses' -> names of both
     1e-3: ("metres", "millimetres"),
     0.01: ("metres", "centimetres"),
@@ -24,8 +24,6 @@ _NEAR_SCALES = 2.0 ** np.linspace(-2, 2, 17)  # times the ratio of spreads, whic
 _OTHER_SCALE = 30.0  # ratio of spreads that points far behind what matches show do not reach
 _NEAR_UNIT = 2.5  # factor within which a ratio of distances counts as the ratio of two units
 _COLOR_GAIN = 0.2  # correlation that another unit, or other axes, must gain
-_VIEWS = 5  # whose colours are compared: enough for a median
-_MOST_POINTS = 20_000  # compared by colour: more take longer and change nothing
 
 
 def check_points_frame(scene: Scene, evidence: Evidence | None) -> list[Finding]:
@@ -38,7 +36,7 @@ def check_points_frame(scene: Scene, evidence: Evidence | None) -> list[Finding]
     Returns:
         An error that names the unit or the axes in which the points would fit, or nothing.
     """
-    if len(scene.points) < _FEWEST:
+    if len(scene.points) < FEWEST:
         return []
     where = str(scene.path)
     ratio = None if evidence is None else _compare_spread(scene, evidence)
@@ -73,7 +71,7 @@ def _name_unit(where: str, unit: float, seen: str) -> Finding:
 def _compare_spread(scene: Scene, evidence: Evidence) -> float | None:
     """Divides the median spread of the points by that of triangulated matches."""
     seen = evidence.triangulate()
-    if len(seen) < _FEWEST:
+    if len(seen) < FEWEST:
         return None
     return _spread(scene.points) / max(_spread(seen), 1e-300)
 
@@ -86,10 +84,10 @@ class _PointColors:
     """Compares the colours of some points with some photographs, as given or moved."""
 
     def __init__(self, scene: Scene) -> None:
-        step = -(-len(scene.points) // _MOST_POINTS)
+        step = -(-len(scene.points) // POINTS)
         self._points, self._colors = scene.points[::step], scene.point_colors[::step]
         self._scene = scene
-        self._views = np.unique(np.linspace(0, len(scene) - 1, _VIEWS).round().astype(int)).tolist()
+        self._views = choose_views(range(len(scene)))
         self.given = self.correlate(np.eye(3))
 
     def correlate(self, change: np.ndarray) -> float:

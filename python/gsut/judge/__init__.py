@@ -1,6 +1,8 @@
 """Decides by evidence: which of two structures, or hypotheses, explains matches better."""
 
 from gsut.judge.epipolar import (
+    MOMENTS,
+    TINY,
     compute_readout_poses,
     find_readout_moments,
     measure_angular_errors,
@@ -24,7 +26,9 @@ HYPOTHESES = (*READINGS, *LENS_ERRORS, *PATH_ERRORS)
 
 __all__ = [
     "HYPOTHESES",
+    "MOMENTS",
     "SURE",
+    "TINY",
     "Dataset",
     "Hypothesis",
     "Matches",

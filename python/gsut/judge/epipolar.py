@@ -9,7 +9,7 @@ from gsut.data import View
 from gsut.data.poses import invert_pose
 from gsut.lens import Camera
 
-_TINY = 1e-12  # keeps quotients finite
+TINY = 1e-12  # keeps quotients finite, and is the length of a baseline without a direction
 MOMENTS = 16  # of a rolling readout at which poses are taken: neighbouring poses hardly differ
 
 
@@ -59,10 +59,10 @@ def measure_angular_errors(
     one, two = np.einsum("smij,smj->smi", world_from_camera[..., :3, :3], rays)
     base = world_from_camera[1, :, :3, 3] - world_from_camera[0, :, :3, 3]
     length = np.linalg.norm(base, axis=1)
-    base = base / np.maximum(length, _TINY)[:, None]
+    base = base / np.maximum(length, TINY)[:, None]
     first, second = _cross(base, one), _cross(base, two)
     sizes = [np.sqrt(np.einsum("mi,mi->m", normal, normal)) for normal in (first, second)]
-    across = np.einsum("mi,mi->m", two, first) / np.maximum(np.hypot(*sizes), _TINY)
+    across = np.einsum("mi,mi->m", two, first) / np.maximum(np.hypot(*sizes), TINY)
     if signed:
         return across
     # Seen from further along the baseline a point lies at a larger angle to it.
@@ -72,7 +72,7 @@ def measure_angular_errors(
     ]
     behind = np.maximum(angles[0] - angles[1], 0.0) / np.sqrt(2)
     found = np.hypot(across, behind)
-    still = length <= _TINY
+    still = length <= TINY
     if still.any():
         apart = np.linalg.norm(_cross(one[still], two[still]), axis=1)
         turned = np.arctan2(apart, np.einsum("mi,mi->m", one[still], two[still]))

@@ -9,6 +9,8 @@ import numpy as np
 
 from gsut.data.poses import invert_pose
 from gsut.judge import (
+    MOMENTS,
+    TINY,
     Matches,
     Preference,
     Structure,
@@ -18,9 +20,6 @@ from gsut.judge import (
 from gsut.sfm.matches import PairMatches
 from gsut.sfm.photographs import Features
 from gsut.sfm.solution.result import Solution, measure_diagonal
-
-_TINY = 1e-12  # length of a baseline that has no direction
-_MOMENTS = 16  # of a rolling readout at which poses are taken: neighbouring poses hardly differ
 
 
 def compare_solutions(
@@ -109,14 +108,14 @@ def _measure_scales(rays: np.ndarray, poses: np.ndarray, by_ray: np.ndarray) -> 
     in_camera = np.einsum("smji,mj->smi", poses[..., :3, :3], base)
     normal = np.cross(in_camera, rays)
     size = np.linalg.norm(normal, axis=2, keepdims=True)
-    across = np.einsum("smij,smj->smi", by_ray, normal / np.maximum(size, _TINY))
+    across = np.einsum("smij,smj->smi", by_ray, normal / np.maximum(size, TINY))
     anywhere = np.linalg.norm(by_ray, axis=(2, 3)) / np.sqrt(2)
-    return np.where(size[..., 0] > _TINY, np.linalg.norm(across, axis=2), anywhere)
+    return np.where(size[..., 0] > TINY, np.linalg.norm(across, axis=2), anywhere)
 
 
 def _list_poses(solution: Solution) -> np.ndarray:
     """Lists world_from_camera (N, T, 4, 4) of all images, at moments of a readout if rolling."""
-    count = 1 if solution.velocities is None else _MOMENTS
+    count = 1 if solution.velocities is None else MOMENTS
     times = (np.arange(count) + 0.5) / count
     moments = [solution.interpolate_poses(float(time)) for time in times]
     return np.array([[invert_pose(pose) for pose in poses] for poses in zip(*moments, strict=True)])
@@ -135,5 +134,5 @@ def _find_moments(solution: Solution, features: Sequence[Features]) -> list[np.n
         pixels=np.concatenate([own.pixels for own in features]),
     )
     times = every.measure_line_times() + 0.5
-    moments = np.clip((times * _MOMENTS).astype(np.int64), 0, _MOMENTS - 1)
+    moments = np.clip((times * MOMENTS).astype(np.int64), 0, MOMENTS - 1)
     return np.split(moments, np.cumsum(lengths)[:-1])
