@@ -15,6 +15,7 @@ from gsut.bounds import name_wrong_kinds
 from gsut.data.images import read_header
 from gsut.data.rigs import Rig
 from gsut.data.scene import capture_state
+from gsut.judge.checks import NOT_GOOD
 from gsut.output_folder import claim_folder
 from gsut.sfm.connection import map_connected
 from gsut.sfm.gyroscope import use_gyroscope
@@ -56,6 +57,8 @@ from gsut.sfm.solution import (
     Solution,
     find_further_models,
     measure_agreement,
+    measure_contradiction,
+    measure_diagonal,
     separate_look_alikes,
     solve_poses,
 )
@@ -178,8 +181,17 @@ def _map(mapping: Mapping) -> Mapping:
     mapping = place_on_earth(mapping, adjust_rig_near_places)  # solution
     mapping = place_by_control(mapping)  # solution, features
     mapping = place_by_markers(mapping)  # solution
-    agreement = measure_agreement(mapping.solved, mapping.pairs)
-    return mapping.add_findings(agreement=agreement.share, contradicted=agreement.contradicted)
+    return _measure_agreement(mapping)
+
+
+def _measure_agreement(mapping: Mapping) -> Mapping:
+    """Adds to the findings how far matches agree with the poses, and pairs contradict them."""
+    solution, pairs = mapping.solved, mapping.pairs
+    limit = NOT_GOOD * measure_diagonal(solution.cameras)
+    return mapping.add_findings(
+        agreement=measure_agreement(solution, pairs).share,
+        contradicted=measure_contradiction(solution, mapping.features, pairs, limit),
+    )
 
 
 def read_finished(

@@ -10,8 +10,10 @@ from gsut import _core
 from gsut.sfm.matches.matching import PairMatches
 from gsut.sfm.matches.verification import drop_contradicted
 from gsut.sfm.photographs.options import PosesOptions
+from gsut.sfm.solution import measure_agreement, measure_contradiction
 from gsut.sfm.solution.solver import solve_poses
 from gsut.sfm.world.comparison import compare_poses
+from made_flight import fly_again
 from synthetic_walk import Synthetic
 
 IMAGES = 24
@@ -27,6 +29,28 @@ def pair_of(rng, rotations, first, second, matches, off_degrees):
     pose = np.eye(4)
     pose[:3, :3] = turned(rng, off_degrees) @ rotations[second] @ rotations[first].T
     return PairMatches(first, second, np.zeros((matches, 2), np.int32), pose, 0, 0.1)
+
+
+@pytest.mark.parametrize(("aside", "share"), [(0.0, 0.0), (20.0, 1.0)])
+def test_pair_contradicts_poses_where_rays_miss_each_other_not_where_they_meet_elsewhere(
+    aside, share
+):
+    run = fly_again(1, relief=0.3, turn=0.5)
+    one, two = run.solved.camera_from_world[:2]
+    camera, seen = run.solved.cameras[0], run.features[0]
+    rays = camera.unproject(seen.pixels)[0]
+    nearer = (6.0 * rays - one[:3, 3]) @ one[:3, :3]  # than the ground: along the epipolar line
+    pixels, valid = camera.project(nearer @ two[:3, :3].T + two[:3, 3])
+    other = run.features[1]
+    moved = dataclasses.replace(seen, pixels=pixels + aside)
+    features = [seen, other.join(moved), *run.features[2:]]
+    rows = np.flatnonzero(valid)
+    matches = np.stack([rows, len(other) + rows], axis=1).astype(np.int32)
+    alike = dataclasses.replace(run.pairs[0], matches=matches)
+    pairs = [alike, *run.pairs[1:]]
+    assert measure_agreement(run.solved, pairs).rejected.sum() == 1
+    found = measure_contradiction(run.solved, features, pairs, 2.0)
+    assert found == pytest.approx(share / len(pairs))
 
 
 @pytest.fixture

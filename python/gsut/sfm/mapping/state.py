@@ -61,7 +61,7 @@ class Findings:
         models: of images that do not connect with the others.
         look_alikes: what still speaks for places taken for one, or None.
         agreement: share of the verified matches that observe one point, or None.
-        contradicted: share of the pairs whose verified matches the solution rejects as a whole.
+        contradicted: see `measure_contradiction`.
         focal_sigma: standard deviation of an estimated focal length over it; infinite: not
             determined; None: the lens was known.
         halves_px: half of the difference of poses adjusted with either half of the points: pixels

@@ -19,7 +19,7 @@ from gsut.judge import (
 )
 from gsut.sfm.matches import PairMatches
 from gsut.sfm.photographs import Features
-from gsut.sfm.solution.result import Solution, measure_diagonal
+from gsut.sfm.solution.result import Solution, measure_agreement, measure_diagonal
 
 
 def compare_solutions(
@@ -94,6 +94,30 @@ def measure_match_errors(
             measure_angular_errors(seen, poses) * _measure_scales(seen, poses, moves).mean(axis=0)
         )
     return np.concatenate(errors)
+
+
+def measure_contradiction(
+    solution: Solution, features: Sequence[Features], pairs: Sequence[PairMatches], limit: float
+) -> float:
+    """Measures the share of the pairs whose matches the poses of a solution reject as a whole.
+
+    Hardly any observes a point, and most rays miss each other. Where they meet, other things that
+    look alike were matched along the way of the camera, which says nothing of the poses.
+
+    Args:
+        features: of all images.
+        pairs: verified matches.
+        limit: pixels by which rays of right poses miss each other at most.
+    """
+    known = [p for p in pairs if solution.registered[p.first] and solution.registered[p.second]]
+    rejected = np.flatnonzero(measure_agreement(solution, pairs).rejected)
+    doubted = [known[place] for place in rejected]
+    if not doubted:
+        return 0.0
+    errors = measure_match_errors(solution, features, doubted)
+    missing = np.where(np.isfinite(errors), errors, np.inf) > limit
+    by_pair = np.split(missing, np.cumsum([len(pair.matches) for pair in doubted])[:-1])
+    return sum(bool(np.mean(own) > 0.5) for own in by_pair) / len(known)
 
 
 def _measure_scales(rays: np.ndarray, poses: np.ndarray, by_ray: np.ndarray) -> np.ndarray:

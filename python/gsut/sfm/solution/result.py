@@ -164,10 +164,9 @@ class PairAgreement:
         return float(self.together.sum() / max(1, self.matches.sum()))
 
     @property
-    def contradicted(self) -> float:
-        """Returns the share of the pairs whose matches the solution rejects as a whole."""
-        rejected = self.together < _REJECTED * self.matches
-        return float(rejected.sum() / max(1, len(rejected)))
+    def rejected(self) -> np.ndarray:
+        """Returns (P,) bool: hardly any match of a pair observes one point."""
+        return self.together < _REJECTED * self.matches
 
 
 def measure_agreement(solution: Solution, pairs: Sequence[PairMatches]) -> PairAgreement:
