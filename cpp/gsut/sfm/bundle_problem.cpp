@@ -222,9 +222,8 @@ double BundleProblem::EvaluateLensPriors() {
       const int param = lens_params_[c][k];
       const auto column = static_cast<Eigen::Index>(k);
       // By the column's own amount: without what the columns before it change.
-      residuals[column] =
-          state_.lenses[c][param] - options_.lens_priors[c].mean[param] -
-          lens_columns_[c].row(param).head(column).dot(residuals.head(column));
+      residuals[column] = state_.lenses[c][param] - options_.lens_priors[c].mean[param] -
+                          lens_columns_[c].row(param).head(column).dot(residuals.head(column));
     }
     residuals.array() *= system_->PriorWeights(lens_block_[c]).array();
     cost += 0.5 * residuals.squaredNorm();

@@ -16,7 +16,9 @@ namespace gsut {
 // A parameter's flag: 0 held, 1 free by itself; those of one larger flag change by the same amount
 // (the focal lengths of square pixels), and one of flag 3 by that of flag 2 and an amount of its
 // own (of pixels that are nearly square).
-inline constexpr std::uint8_t kLensFree = 1, kLensTied = 2, kLensNear = 3;
+inline constexpr std::uint8_t kLensFree = 1;
+inline constexpr std::uint8_t kLensTied = 2;
+inline constexpr std::uint8_t kLensNear = 3;
 
 // lens_free[c]: one flag a parameter of camera c, or none if it is held; empty: all are held.
 // Throws InputError if it does not fit the cameras.

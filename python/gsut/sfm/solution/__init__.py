@@ -21,7 +21,6 @@ from gsut.sfm.solution.models import find_further_models, solve_left_out
 from gsut.sfm.solution.result import (
     FEATURE_VARIANCE,
     Solution,
-    evaluate_observations,
     measure_agreement,
     measure_diagonal,
     measure_line_times,
@@ -29,7 +28,6 @@ from gsut.sfm.solution.result import (
     transform_to_cameras,
 )
 from gsut.sfm.solution.solver import (
-    MIN_ANGLE_DEGREES,
     OnStep,
     adjust_poses,
     adjust_registered,
