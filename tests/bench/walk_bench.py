@@ -73,6 +73,9 @@ FILMS: dict[str, Callable[[float], Film]] = {
         make_lens(*_WIDE, 122, 0.3), plan_walk(s, seed=5, shake_degrees=1.5), s,
         readout=0.012, seed=4,
     ),
+    "pale walls": lambda s: Film(
+        make_lens(*_WIDE, 75, 1.0), plan_walk(s, seed=11, around=0.25), s, seed=10, contrast=0.1
+    ),
     "dual fisheye": lambda s: Film(
         _circle_lens(104.0), plan_walk(s, seed=9), s, readout=0.0, seed=8, back=_circle_lens(105.0),
         back_from_front=_BACK_FROM_FRONT,
@@ -225,7 +228,7 @@ BENCHMARK = Benchmark(
     cases=list_cases,
     measure=measure,
     options=(
-        Option("films", tuple(FILMS)[:4], ", ".join(FILMS)),
+        Option("films", tuple(FILMS)[:5], ", ".join(FILMS)),
         Option("gyroscope", ("no", "yes"), "whether the camera recorded its turns"),
         Option("seconds", 6.0, "length of each film"),
         Option("frame_rate", 24.0, "frames per second"),

@@ -46,6 +46,7 @@ class Film:
         exposure: seconds.
         crf: of H.264: 18 hardly visible, 28 rough.
         samples: rays a pixel: also moments within the exposure.
+        contrast: of the hall's textures and light; 1: as painted.
         seed: of the hall's textures and of the noise.
         sideways: a phone held upright: columns are read one after the other, and the file holds
             lying pictures with the flag that turns them.
@@ -63,6 +64,7 @@ class Film:
     exposure: float = 0.008
     crf: int = 22
     samples: int = 3
+    contrast: float = 1.0
     seed: int = 1
     sideways: bool = False
     back: Camera | None = None
@@ -186,7 +188,7 @@ def trace_frames(film: Film) -> Iterator[np.ndarray]:
                 _expose(film, tracer, rays, pose, time, pool, readout)
                 for (rays, pose), readout in zip(lenses, film.readouts, strict=False)
             ]
-            image = np.hstack(parts)
+            image = 0.5 + film.contrast * (np.hstack(parts) - 0.5)
             angle = 2 * math.pi * time / _DRIFT_SECONDS
             gain = 1 + _DRIFT * math.sin(angle) + _TINT * np.sin(angle / 2 + np.arange(3))
             noisy = 255 * image * gain + _NOISE * rng.standard_normal(image.shape)

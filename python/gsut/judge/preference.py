@@ -80,11 +80,13 @@ def prefer(current: Structure, rival: Structure, matches: Matches) -> Preference
     gains = scores[1] - scores[0]
     observations = max(2.0, fitting * len(gains))
     cost = 0.5 * (rival.free - current.free) * math.log(observations)
-    gain = float(gains.sum()) - cost + _compare_priors(current, rival)
+    by_matches = float(gains.sum()) - cost
+    gain = by_matches + _compare_priors(current, rival)
     by_image, sigma = _measure_spread(gains, matches.images)
     share = float(np.mean(by_image > 0)) if len(by_image) else 0.0
     rare = float(convert_to_normal(gain / sigma, max(1, len(by_image) - 1)))
-    is_sure = rare > SURE and share > 0.5
+    # Where matches speak against the rival, what else is known decides.
+    is_sure = rare > SURE and (share > 0.5 or by_matches < 0)
     wins = gain > 0 and (is_sure or math.isinf(gain))
     return Preference(wins, gain, sigma, share)
 

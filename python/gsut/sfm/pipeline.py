@@ -18,7 +18,7 @@ from gsut.data.scene import capture_state
 from gsut.judge.checks import NOT_GOOD
 from gsut.output_folder import claim_folder
 from gsut.sfm.connection import map_connected
-from gsut.sfm.gyroscope import use_gyroscope
+from gsut.sfm.gyroscope import correct_by_turns, use_gyroscope
 from gsut.sfm.lens import (
     free_center,
     guess_lenses,
@@ -168,6 +168,7 @@ def _map(mapping: Mapping) -> Mapping:
     """
     require_motion(mapping)
     mapping = map_connected(mapping)  # photographs' lenses, pairs, lens_free, solution; features
+    mapping = correct_by_turns(mapping)  # pairs, solution, turns
     mapping = _separate_places(mapping)  # pairs, solution
     mapping = try_other_starts(mapping)  # solution
     mapping = register_left_out(mapping)  # pairs, solution: another start may see more of them

@@ -4,15 +4,18 @@ import dataclasses
 
 import numpy as np
 import pytest
+from test_look_alikes import OPTIONS, VISIT, mapped, two_visits
 
 import tolerances
 from gsut import _core
 from gsut.gaussians import find_rotation_vectors
-from gsut.sfm.gyroscope import calibrate_turns, sharpen_rates, use_gyroscope
+from gsut.sfm.gyroscope import calibrate_turns, correct_by_turns, sharpen_rates, use_gyroscope
 from gsut.sfm.gyroscope.calibration import QUARTER_TURNS
 from gsut.sfm.gyroscope.curve import TurnCurve
 from gsut.sfm.lens import judge_lens
 from gsut.sfm.lens.prior import find_focal
+from gsut.sfm.mapping import Mapping, PosesLog
+from gsut.sfm.photographs import Photographs
 from made_flight import LENS, fly_again
 
 APART = 0.5  # seconds between pictures
@@ -192,3 +195,36 @@ def _turns_at_pictures(run):
     vectors = find_rotation_vectors(step_between(run.solved.camera_from_world[:, :3, :3])) / APART
     padded = np.concatenate([np.zeros((1, 3)), vectors, np.zeros((1, 3))])
     return (padded[1:] + padded[:-1]) / 2
+
+
+def visit_rooms(rng, turned):
+    """Two visits to rooms that look the same, as one; the record turns in between."""
+    scene = two_visits(rng, same_room=True)
+    away = _core.exp_pose([0, 0, 0, 0, turned, 0])[:3, :3]
+    rotations = scene.poses[:, :3, :3].copy()
+    rotations[VISIT:] = rotations[VISIT:] @ away
+    photographs = Photographs(
+        None, scene.names, [], [None] * len(scene.names), [scene.camera] * len(scene.names),
+        times={name: APART * i for i, name in enumerate(scene.names)},
+        turns={"gyroscope": record(rotations, rng)},
+    )  # fmt: skip
+    solution = mapped(scene, scene.pairs)
+    assert solution.registered.all()
+    return Mapping(
+        photographs, OPTIONS, PosesLog(), features=scene.features, pairs=scene.pairs,
+        solution=solution,
+    )  # fmt: skip
+
+
+def test_rooms_that_look_the_same_are_two_where_the_record_turns(rng):
+    run = visit_rooms(rng, 2.5)
+    found = correct_by_turns(run)
+    assert found.solved.registered.reshape(2, VISIT).all(axis=1).sum() == 1
+    assert found.solved.num_registered == VISIT
+    assert all((pair.first < VISIT) == (pair.second < VISIT) for pair in found.pairs)
+    assert "contradicts" in " ".join(found.log.notes)
+
+
+def test_room_visited_twice_is_one_where_the_record_agrees(rng):
+    run = visit_rooms(rng, 0.0)
+    assert correct_by_turns(run) is run

@@ -2,3 +2,4 @@
 
 from gsut.sfm.gyroscope.calibration import TurnCalibration, calibrate_turns
 from gsut.sfm.gyroscope.evidence import sharpen_rates, use_gyroscope
+from gsut.sfm.gyroscope.structures import correct_by_turns

@@ -8,8 +8,8 @@ import itertools
 import numpy as np
 
 from gsut._core import exp_pose
-from gsut.gaussians import find_rotation_vectors
-from gsut.sfm.gyroscope.curve import TurnCurve
+from gsut.gaussians import find_rotation_vectors, rotations_from_quaternions
+from gsut.sfm.gyroscope.curve import TurnCurve, exp_quaternions
 
 # Unknowns of a calibration: bias (3), scale, axes (3), time offset.
 UNKNOWNS = 8
@@ -48,6 +48,8 @@ class TurnCalibration:
         sigmas: (UNKNOWNS,) standard deviations of the calibration.
         sigma: radians, standard deviation of a component of a turn.
         explained: share of the variance of the poses' turns that the record explains.
+        rates: the record, see `TurnCurve`.
+        apart: seconds between the images of a pair, in the median.
     """
 
     rotations: np.ndarray
@@ -60,6 +62,24 @@ class TurnCalibration:
     sigmas: np.ndarray
     sigma: float
     explained: float
+    rates: np.ndarray
+    apart: float
+
+    def predict(self, times: np.ndarray) -> np.ndarray:
+        """Predicts how cameras turn between times (P, 2): (P, 3, 3); NaN: not recorded."""
+        turns = TurnCurve(self.rates, self.bias).find_turns(*(times + self.offset).T).rotations
+        vectors = find_rotation_vectors(self.camera_from_sensor @ turns @ self.camera_from_sensor.T)
+        found = rotations_from_quaternions(exp_quaternions(vectors / self.scale))
+        return np.where(np.isfinite(turns), found, np.nan)
+
+    def predict_sigmas(self, times: np.ndarray) -> np.ndarray:
+        """Predicts the standard deviations (P,) of a component of such turns.
+
+        Noise adds up as a random walk, what is not known of the bias in proportion to time.
+        """
+        seconds = np.abs(times[:, 1] - times[:, 0])
+        drift = seconds * float(np.max(self.sigmas[:3]))
+        return np.hypot(self.sigma * np.sqrt(np.maximum(seconds / self.apart, 1)), drift)
 
 
 def calibrate_turns(
@@ -101,6 +121,7 @@ def calibrate_turns(
         recorded, by_unknowns, used, bias, 1 / (1 + scale), axes, offset,
         np.sqrt(np.diag(np.linalg.inv(normal))), sigma,
         1 - float(np.sum(left[used] ** 2)) / total if total > 0 else 0.0,
+        rates, float(np.median(times[:, 1] - times[:, 0])),
     )  # fmt: skip
 
 

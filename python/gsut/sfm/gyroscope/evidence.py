@@ -10,7 +10,11 @@ import numpy as np
 
 from gsut._core import SolveError
 from gsut.gaussians import find_rotation_vectors
-from gsut.sfm.gyroscope.calibration import BIAS_SIGMA, TurnCalibration, calibrate_turns
+from gsut.sfm.gyroscope.calibration import (
+    BIAS_SIGMA,
+    TurnCalibration,
+    calibrate_turns,
+)
 from gsut.sfm.gyroscope.curve import TurnCurve
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.solution import (
@@ -27,10 +31,10 @@ _EXPLAINS = 0.9
 _AGREE = 0.8
 # Standard deviation of the scale of a camera's gyroscope, which its maker calibrates.
 _SCALE_SIGMA = 0.005
-# Seconds about the middle of a picture whose mean turn is that of a readout.
-_MOMENT = 0.015
 # Times by which the median residual may grow before the pictures contradict the record.
 _MOST_WORSE = 1.1
+# Seconds about the middle of a picture whose mean turn is that of a readout.
+_MOMENT = 0.015
 
 
 def use_gyroscope(mapping: Mapping) -> Mapping:
@@ -39,33 +43,24 @@ def use_gyroscope(mapping: Mapping) -> Mapping:
     Returns:
         The run with solution, `turns`, and "gyroscope" of the figures where there is a record.
     """
-    solution, records = mapping.solved, mapping.photographs.turns
     found = _calibrate_records(mapping)
     if found is None:
         return mapping
-    fitting = {source: each for source, each in found.items() if _is_fitting(each)}
     figures: dict[str, Any] = {
         "explained": {source: each.explained for source, each in found.items()}, "used": None,
     }  # fmt: skip
-    if not fitting:
+    source = _choose_record(found)
+    if source is None:
         mapping.log.note(
             "the gyroscope's record does not explain how the poses turn, and is not used: the "
             "picture was stabilised in the camera, the film was cut, or the camera hardly turned"
         )
-        return mapping.add_findings({"gyroscope": figures})
-    source = max(fitting, key=lambda each: fitting[each].explained)
-    calibration, held = fitting[source], solution
-    # Poses that pictures alone determine badly differ from the record by more than its own error,
-    # which shows once it has taken part.
-    for is_last in (False, True):
-        turns = _state_turns(mapping, held, calibration)
-        adjusted = _adjust(mapping, held, turns, is_last)
-        again = None if adjusted is None else _calibrate(mapping, adjusted, records[source])
-        if adjusted is None or again is None or not _is_fitting(again):
-            mapping.log.note("the gyroscope's record is not used: the pictures contradict it")
-            return mapping.add_findings({"gyroscope": figures})
-        calibration, held = again, adjusted
-    mapping = mapping.replace(solution=held, turns=_state_turns(mapping, held, calibration))
+        return mapping.replace(turns=None).add_findings({"gyroscope": figures})
+    held = hold_near_record(mapping, found[source])
+    if held is None:
+        mapping.log.note("the gyroscope's record is not used: the pictures contradict it")
+        return mapping.replace(turns=None).add_findings({"gyroscope": figures})
+    mapping, calibration = held
     figures |= _describe(calibration, source)
     name = "gyroscope" if source == "gyroscope" else "record of its orientation"
     mapping.log.note(
@@ -75,6 +70,42 @@ def use_gyroscope(mapping: Mapping) -> Mapping:
         f"{1000 * calibration.offset:.0f} ms late"
     )
     return mapping.add_findings({"gyroscope": figures})
+
+
+def _choose_record(found: dict[str, TurnCalibration]) -> str | None:
+    """Chooses the source of the record that explains the turns best; None: none fits the poses."""
+    fitting = [source for source, each in found.items() if _is_fitting(each)]
+    return max(fitting, key=lambda each: found[each].explained, default=None)
+
+
+def calibrate_best(mapping: Mapping) -> TurnCalibration | None:
+    """Calibrates the record that explains the poses' turns best; None: none fits them."""
+    found = _calibrate_records(mapping) or {}
+    source = _choose_record(found)
+    return None if source is None else found[source]
+
+
+def hold_near_record(
+    mapping: Mapping, calibration: TurnCalibration
+) -> tuple[Mapping, TurnCalibration] | None:
+    """Adjusts near a record that fits; None where the pictures contradict it.
+
+    Poses that pictures alone determine badly differ from the record by more than its own error,
+    which shows once it has taken part: it is calibrated again, and everything adjusted again.
+
+    Returns:
+        The run with solution and turns, and the calibration by its poses.
+    """
+    held = mapping.solved
+    for is_last in (False, True):
+        turns = _state_turns(mapping, held, calibration)
+        adjusted = _adjust(mapping, held, turns, is_last)
+        again = adjusted and _calibrate(mapping, adjusted, calibration.rates)
+        if not adjusted or not again or not _is_fitting(again):
+            return None
+        calibration, held = again, adjusted
+    turns = _state_turns(mapping, held, calibration)
+    return mapping.replace(solution=held, turns=turns), calibration
 
 
 def sharpen_rates(
@@ -95,7 +126,7 @@ def sharpen_rates(
     if found is None or not _is_fitting(found):
         return velocities
     rates, spread = (each.copy() for each in velocities)
-    times = _list_times(mapping)
+    times = list_times(mapping)
     begin, end = times + found.offset - _MOMENT / 2, times + found.offset + _MOMENT / 2
     known = np.isfinite(rates).all(axis=1) & np.isfinite(times)
     axes, recorded = found.camera_from_sensor, np.full((len(rates), 3), np.nan)
@@ -127,15 +158,15 @@ def _is_fitting(calibration: TurnCalibration) -> bool:
     return calibration.explained >= _EXPLAINS and agreeing >= _AGREE
 
 
-def _list_times(mapping: Mapping) -> np.ndarray:
+def list_times(mapping: Mapping) -> np.ndarray:
     """Lists (N,) seconds at which the images were taken; NaN: not known."""
     times = mapping.photographs.times
     return np.array([times.get(name, math.nan) for name in mapping.photographs.names])
 
 
-def _list_pairs(mapping: Mapping, solution: Solution) -> tuple[np.ndarray, np.ndarray]:
+def list_pairs(mapping: Mapping, solution: Solution) -> tuple[np.ndarray, np.ndarray]:
     """Lists (P, 2) images that follow each other in time, and when each was taken."""
-    times = _list_times(mapping)
+    times = list_times(mapping)
     known = np.flatnonzero(solution.registered & np.isfinite(times))
     order = known[np.argsort(times[known], kind="stable")]
     pairs = np.stack([order[:-1], order[1:]], axis=1)
@@ -143,17 +174,18 @@ def _list_pairs(mapping: Mapping, solution: Solution) -> tuple[np.ndarray, np.nd
 
 
 def _calibrate(mapping: Mapping, solution: Solution, rates: np.ndarray) -> TurnCalibration | None:
-    pairs, times = _list_pairs(mapping, solution)
+    pairs, times = list_pairs(mapping, solution)
     first, second = solution.camera_from_world[pairs.T, :3, :3]
     return calibrate_turns(rates, times, second @ first.transpose(0, 2, 1))
 
 
 def _state_turns(mapping: Mapping, solution: Solution, found: TurnCalibration) -> StatedTurns:
-    """States the recorded turns of pairs that agree with the poses."""
-    pairs, _ = _list_pairs(mapping, solution)
+    """States the recorded turns; where poses disagree with a record that fits, they are wrong."""
+    pairs, _ = list_pairs(mapping, solution)
+    known = np.isfinite(found.rotations).all(axis=(1, 2))
     sigmas = np.array([*[BIAS_SIGMA] * 3, _SCALE_SIGMA, *[1.0] * 4])
     return StatedTurns(
-        pairs[found.used], found.rotations[found.used], found.by_unknowns[found.used],
+        pairs[known], found.rotations[known], found.by_unknowns[known],
         found.sigma, sigmas,
     )  # fmt: skip
 
@@ -175,7 +207,7 @@ def _adjust(
     except SolveError:
         return None
     agrees = (
-        held.num_registered == solution.num_registered
+        held.num_registered >= _AGREE * solution.num_registered
         and held.median <= _MOST_WORSE * solution.median
     )
     return dataclasses.replace(held, restarts=solution.restarts) if agrees else None

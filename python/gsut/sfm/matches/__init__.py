@@ -18,6 +18,7 @@ from gsut.sfm.matches.selection import (
 )
 from gsut.sfm.matches.verification import (
     ALL_SAME,
+    LARGEST_OFFSET,
     ROLLING_ERROR,
     explain_failure,
     measure_pictures,

@@ -115,7 +115,10 @@ def _add_images(mapping: Mapping, found: list[tuple[int, int, np.ndarray]]) -> M
             more = adjust_registered(
                 start, mapping.features, pairs, mapping.options,
                 mapping.log.follow_steps("mapping"),
-                Adjustment(mapping.lens_free, motion=motion, extend=True, min_inliers=_FEWEST),
+                Adjustment(
+                    mapping.lens_free, motion=motion, extend=True, turns=mapping.turns,
+                    min_inliers=_FEWEST,
+                ),
             )  # fmt: skip
         except SolveError:  # the image that holds the scale is one of those that do not fit
             poses = dict(list(poses.items())[: len(poses) // 2])
