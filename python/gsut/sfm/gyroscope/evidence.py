@@ -18,11 +18,13 @@ from gsut.sfm.gyroscope.calibration import (
 from gsut.sfm.gyroscope.curve import TurnCurve
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.solution import (
+    MIN_INLIERS,
     Adjustment,
     ReadoutMotion,
     Solution,
     StatedTurns,
     adjust_registered,
+    compare_solutions,
 )
 
 # Share of the variance of the poses' turns from which a record speaks of the same camera.
@@ -31,8 +33,6 @@ _EXPLAINS = 0.9
 _AGREE = 0.8
 # Standard deviation of the scale of a camera's gyroscope, which its maker calibrates.
 _SCALE_SIGMA = 0.005
-# Times by which the median residual may grow before the pictures contradict the record.
-_MOST_WORSE = 1.1
 # Seconds about the middle of a picture whose mean turn is that of a readout.
 _MOMENT = 0.015
 
@@ -193,11 +193,14 @@ def _state_turns(mapping: Mapping, solution: Solution, found: TurnCalibration) -
 def _adjust(
     mapping: Mapping, start: Solution, turns: StatedTurns, is_last: bool
 ) -> Solution | None:
-    """Adjusts near recorded turns; None where that fails or the pictures contradict them."""
+    """Adjusts near recorded turns; None where that fails or the pictures contradict them.
+
+    A pose whose turn is known is held by half as many points.
+    """
     solution = mapping.solved
     adjustment = Adjustment(
         mapping.lens_free, lens_settled=True, covariances=is_last, extend=is_last,
-        motion=ReadoutMotion.hold(start), turns=turns,
+        motion=ReadoutMotion.hold(start), turns=turns, min_inliers=MIN_INLIERS // 2,
     )  # fmt: skip
     try:
         held = adjust_registered(
@@ -206,11 +209,21 @@ def _adjust(
         )  # fmt: skip
     except SolveError:
         return None
-    agrees = (
-        held.num_registered >= _AGREE * solution.num_registered
-        and held.median <= _MOST_WORSE * solution.median
-    )
-    return dataclasses.replace(held, restarts=solution.restarts) if agrees else None
+    if held.num_registered < _AGREE * solution.num_registered:
+        return None
+    both = [keep_images(each, held.registered) for each in (held, solution)]
+    free = 3 * len(turns.images)
+    contradicted = compare_solutions(*both, mapping.features, mapping.pairs, free).is_rival
+    return None if contradicted else dataclasses.replace(held, restarts=solution.restarts)
+
+
+def keep_images(solution: Solution, chosen: np.ndarray) -> Solution:
+    """Keeps the poses and observations of chosen images (N,) bool."""
+    own = chosen[solution.observations[:, 1]]
+    return dataclasses.replace(
+        solution, registered=solution.registered & chosen, observations=solution.observations[own],
+        pixels=solution.pixels[own], residuals=solution.residuals[own],
+    )  # fmt: skip
 
 
 def _describe(found: TurnCalibration, source: str) -> dict[str, Any]:

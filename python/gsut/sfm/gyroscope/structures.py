@@ -12,6 +12,7 @@ from gsut.sfm.gyroscope.calibration import TurnCalibration
 from gsut.sfm.gyroscope.evidence import (
     calibrate_best,
     hold_near_record,
+    keep_images,
     list_pairs,
     list_times,
 )
@@ -67,7 +68,7 @@ def _leave_out_contradicted(mapping: Mapping, turns: TurnCalibration) -> Mapping
         return mapping
     # Contradicted pairs show that places look alike, and say nothing of where these are; places
     # that nothing else joins to the others are no worse explained by models of their own.
-    both = [_keep_images(each, rival.registered) for each in (mapping.solved, rival)]
+    both = [keep_images(each, rival.registered) for each in (mapping.solved, rival)]
     evidence = [_weigh_turns(mapping, each, turns) for each in (mapping.solved, rival)]
     better = compare_solutions(*both, mapping.features, kept, prior=evidence[1] - evidence[0])
     if not better.is_rival:
@@ -77,15 +78,6 @@ def _leave_out_contradicted(mapping: Mapping, turns: TurnCalibration) -> Mapping
         "of its turns contradicts them, so they took places that look alike for one"
     )
     return mapping.replace(solution=rival, pairs=kept)
-
-
-def _keep_images(solution: Solution, chosen: np.ndarray) -> Solution:
-    """Keeps the poses and observations of chosen images (N,) bool."""
-    own = chosen[solution.observations[:, 1]]
-    return dataclasses.replace(
-        solution, registered=solution.registered & chosen, observations=solution.observations[own],
-        pixels=solution.pixels[own], residuals=solution.residuals[own],
-    )  # fmt: skip
 
 
 def _weigh_turns(mapping: Mapping, solution: Solution, turns: TurnCalibration) -> float:
