@@ -112,3 +112,13 @@ def test_score_errors_is_density_over_that_of_a_wrong_match():
     scores = score_errors(np.array([0.0, 1e6, np.nan]), 0.5, 0.8, EXTENT)
     peak = 0.8 * np.sqrt(2 / np.pi) / 0.5 * EXTENT
     assert scores == pytest.approx(np.log([0.2 + peak, 0.2, 0.2]))
+
+
+def test_prefer_what_is_known_beside_matches_overrules_them_where_it_weighs_more(rng, matches):
+    errors = make_errors(rng, matches)
+    current, worse = Structure(errors), errors + 0.1
+    loss = -prefer(current, Structure(worse), matches).gain
+    assert loss > 0
+    assert not prefer(current, Structure(worse, prior=loss / 2), matches).is_rival
+    found = prefer(current, Structure(worse, prior=10 * loss), matches)
+    assert found.is_rival and found.share < 0.5

@@ -115,9 +115,9 @@ def test_record_of_another_film_explains_nothing(rng):
     assert found.explained < 0.5
 
 
-def fly_with(rates_of, seed=1, relief=0.02, turn=TURN):
-    """A flight over ground with a record of its turns, judged with and without it."""
-    run, bare = (fly_again(seed, relief, turn=turn) for _ in range(2))
+def fly_recorded(rates_of, seed=1, relief=0.02, turn=TURN):
+    """A flight over ground with a record of its turns."""
+    run = fly_again(seed, relief, turn=turn)
     names, rng = run.solved.names, np.random.default_rng(seed)
     truth = [_core.exp_pose([0, 0, 0, 0, turn * (i % 3), turn * i]) for i in range(len(names))]
     photographs = dataclasses.replace(
@@ -125,8 +125,13 @@ def fly_with(rates_of, seed=1, relief=0.02, turn=TURN):
         times={name: APART * i for i, name in enumerate(names)},
         turns={"gyroscope": rates_of(np.array(truth)[:, :3, :3], rng)},
     )
-    found = use_gyroscope(dataclasses.replace(run, photographs=photographs))
-    return judge_lens(found), judge_lens(bare)
+    return dataclasses.replace(run, photographs=photographs)
+
+
+def fly_with(rates_of, seed=1, relief=0.02, turn=TURN):
+    """Such a flight, judged with and without its record."""
+    bare = fly_again(seed, relief, turn=turn)
+    return judge_lens(use_gyroscope(fly_recorded(rates_of, seed, relief, turn))), judge_lens(bare)
 
 
 @pytest.mark.parametrize("seed", range(1, 4))
@@ -195,6 +200,22 @@ def _turns_at_pictures(run):
     vectors = find_rotation_vectors(step_between(run.solved.camera_from_world[:, :3, :3])) / APART
     padded = np.concatenate([np.zeros((1, 3)), vectors, np.zeros((1, 3))])
     return (padded[1:] + padded[:-1]) / 2
+
+
+def test_wrong_pose_is_corrected_where_the_record_contradicts_it():
+    run = fly_recorded(record, relief=0.2)
+    poses, wrong = run.solved.camera_from_world.copy(), 5
+    poses[wrong] = _core.exp_pose([0, 0, 0, 0.0, 0.03, 0.02]) @ poses[wrong]
+    found = correct_by_turns(
+        run.replace(solution=dataclasses.replace(run.solved, camera_from_world=poses))
+    )
+    off = find_rotation_vectors(
+        step_between(found.solved.camera_from_world[:, :3, :3])
+        @ step_between(run.solved.camera_from_world[:, :3, :3]).transpose(0, 2, 1)
+    )
+    assert found.solved.registered.all() and found.turns is not None
+    assert np.abs(off).max() < tolerances.GYROSCOPE_CORRECTED
+    assert correct_by_turns(run) is run
 
 
 def visit_rooms(rng, turned):
