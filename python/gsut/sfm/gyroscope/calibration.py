@@ -65,15 +65,15 @@ class TurnCalibration:
     rates: np.ndarray
     apart: float
 
-    def predict(self, times: np.ndarray) -> np.ndarray:
-        """Predicts how cameras turn between times (P, 2): (P, 3, 3); NaN: not recorded."""
+    def find_turns(self, times: np.ndarray) -> np.ndarray:
+        """Finds how cameras turn between times (P, 2): (P, 3, 3); NaN: not recorded."""
         turns = TurnCurve(self.rates, self.bias).find_turns(*(times + self.offset).T).rotations
         vectors = find_rotation_vectors(self.camera_from_sensor @ turns @ self.camera_from_sensor.T)
         found = rotations_from_quaternions(exp_quaternions(vectors / self.scale))
         return np.where(np.isfinite(turns), found, np.nan)
 
-    def predict_sigmas(self, times: np.ndarray) -> np.ndarray:
-        """Predicts the standard deviations (P,) of a component of such turns.
+    def estimate_sigmas(self, times: np.ndarray) -> np.ndarray:
+        """Estimates the standard deviations (P,) of a component of such turns.
 
         Noise adds up as a random walk, what is not known of the bias in proportion to time.
         """

@@ -53,8 +53,8 @@ def _leave_out_contradicted(mapping: Mapping, turns: TurnCalibration) -> Mapping
     before, times = mapping.pairs, list_times(mapping)
     apart = times[[(pair.first, pair.second) for pair in before]]
     rotations = np.array([pair.second_from_first[:3, :3] for pair in before])
-    off = measure_rotation_angles(rotations @ turns.predict(apart).transpose(0, 2, 1))
-    wrong = off > np.maximum(_WRONG * turns.predict_sigmas(apart), LARGEST_OFFSET)
+    off = measure_rotation_angles(rotations @ turns.find_turns(apart).transpose(0, 2, 1))
+    wrong = off > np.maximum(_WRONG * turns.estimate_sigmas(apart), LARGEST_OFFSET)
     if not wrong.any():
         return mapping
     kept = [pair for pair, is_wrong in zip(before, wrong, strict=True) if not is_wrong]
@@ -84,6 +84,6 @@ def _weigh_turns(mapping: Mapping, solution: Solution, turns: TurnCalibration) -
     """Measures the log-likelihood of how images turn that follow each other in a structure."""
     pairs, times = list_pairs(mapping, solution)
     first, second = solution.camera_from_world[pairs.T, :3, :3]
-    recorded = turns.predict(times)
+    recorded = turns.find_turns(times)
     off = measure_rotation_angles(second @ first.transpose(0, 2, 1) @ recorded.transpose(0, 2, 1))
-    return -0.5 * float(np.nansum((off / turns.predict_sigmas(times)) ** 2))
+    return -0.5 * float(np.nansum((off / turns.estimate_sigmas(times)) ** 2))
