@@ -211,9 +211,9 @@ def _adjust(
         return None
     if held.num_registered < _AGREE * solution.num_registered:
         return None
-    both = [keep_images(each, held.registered) for each in (held, solution)]
+    bare = keep_images(solution, held.registered)
     free = 3 * len(turns.images)
-    contradicted = compare_solutions(*both, mapping.features, mapping.pairs, free).is_rival
+    contradicted = compare_solutions(held, bare, mapping.features, mapping.pairs, free).is_rival
     return None if contradicted else dataclasses.replace(held, restarts=solution.restarts)
 
 

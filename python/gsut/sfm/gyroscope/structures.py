@@ -68,9 +68,11 @@ def _leave_out_contradicted(mapping: Mapping, turns: TurnCalibration) -> Mapping
         return mapping
     # Contradicted pairs show that places look alike, and say nothing of where these are; places
     # that nothing else joins to the others are no worse explained by models of their own.
-    both = [keep_images(each, rival.registered) for each in (mapping.solved, rival)]
+    others = keep_images(mapping.solved, rival.registered)
     evidence = [_weigh_turns(mapping, each, turns) for each in (mapping.solved, rival)]
-    better = compare_solutions(*both, mapping.features, kept, prior=evidence[1] - evidence[0])
+    better = compare_solutions(
+        others, rival, mapping.features, kept, prior=evidence[1] - evidence[0]
+    )
     if not better.is_rival:
         return mapping
     mapping.log.note(
