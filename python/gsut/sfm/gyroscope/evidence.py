@@ -30,9 +30,7 @@ from gsut.sfm.solution import (
 # Share of the variance of the poses' turns from which a record speaks of the same camera.
 _EXPLAINS = 0.9
 # Share of the pairs of pictures that must agree with it, and of the poses that must stay near it.
-_AGREE = 0.5
-# Fewest pairs that must agree: three numbers each, of which a calibration fits eight.
-_FEWEST_AGREE = 9
+_AGREE = 0.8
 # Standard deviation of the scale of a camera's gyroscope, which its maker calibrates.
 _SCALE_SIGMA = 0.005
 # Seconds about the middle of a picture whose mean turn is that of a readout.
@@ -156,8 +154,8 @@ def _calibrate_records(mapping: Mapping) -> dict[str, TurnCalibration] | None:
 
 
 def _is_fitting(calibration: TurnCalibration) -> bool:
-    agreeing, pairs = int(np.count_nonzero(calibration.used)), len(calibration.used)
-    return calibration.explained >= _EXPLAINS and agreeing >= max(_FEWEST_AGREE, _AGREE * pairs)
+    agreeing = float(np.mean(calibration.used))
+    return calibration.explained >= _EXPLAINS and agreeing >= _AGREE
 
 
 def list_times(mapping: Mapping) -> np.ndarray:
