@@ -130,6 +130,7 @@ py::dict WriteStructure(const Structure& structure) {
   result["lens_params"] = lens_params;
   result["rms"] = structure.rms;
   result["median"] = structure.median;
+  result["other_noise"] = structure.other_noise;
   result["initial_pair"] = py::make_tuple(structure.initial_first, structure.initial_second);
   result["restarts"] = structure.restarts;
   result["failure"] = structure.failure;
@@ -192,6 +193,21 @@ void ReadTurns(SettingsReader* settings, std::size_t images, StructureOptions* o
     turn.by_calibration =
         Eigen::Map<const Eigen::Matrix3Xd>(row.data() + 11, 3, static_cast<Eigen::Index>(unknowns));
     turn.sigma = row.back();
+  }
+}
+
+// A flag for each feature of another kind, whose noise is estimated: see ImageFeatures. An empty
+// list says that all are of one kind.
+void ReadOthers(SettingsReader* settings, std::vector<ImageFeatures>* images) {
+  std::vector<std::vector<std::uint8_t>> others;
+  settings->Read("is_other", &others);
+  if (others.empty()) return;
+  if (others.size() != images->size()) throw InputError("is_other must have one row an image");
+  for (std::size_t i = 0; i < others.size(); ++i) {
+    if (others[i].size() != (*images)[i].pixels.size()) {
+      throw InputError("is_other must have one flag a feature");
+    }
+    (*images)[i].is_other = std::move(others[i]);
   }
 }
 
@@ -270,6 +286,7 @@ Inputs ReadInputs(const std::vector<const Camera*>& cameras,
   settings.Read("rate_sigma", &options.rate_sigma);
   settings.Read("places", &places);
   settings.Read("place_sigma", &place_sigma);
+  ReadOthers(&settings, &inputs.images);
   ReadStatedPoints(&settings, inputs.images, &options);
   ReadTurns(&settings, inputs.images.size(), &options);
   settings.CheckAllRead({"descriptors"});

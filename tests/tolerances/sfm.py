@@ -7,6 +7,10 @@ SFM_THIN_ATE_PERCENT = 0.073  # of the path, the same scene; worst 0.037
 SFM_SYNTHETIC_ATE_PERCENT = 0.011  # of the path, the same scene; worst 0.0057
 # Centres' error by adjustments that leave tracks out, over that by all tracks; worst 0.99
 SFM_THINNED_ATE_RATIO = 1.2
+# Noise of features of another kind over the first kind's, where 5 is right; 4.9 observed
+SFM_OTHER_NOISE = (4.5, 5.5)
+# Centres' error where each kind has its own weight, over that where all weigh alike; worst 0.82
+SFM_OTHER_NOISE_ATE_RATIO = 0.95
 SFM_FOCAL = 1.3e-4  # relative, of a lens found from 8 to 10 images, 0.1 px of noise; worst 6.8e-5
 SFM_FEW_NOISY_FOCAL = 0.02  # relative, of a lens by 6 images, 0.7 px of noise; worst 0.0099
 # Median, 12 images of sponza_fisheye, whose short path fixes the similarity badly; worst 0.089

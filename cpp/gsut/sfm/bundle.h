@@ -18,7 +18,8 @@ struct BundleObservation {
   int point = 0;
   Bearing bearing;
   Eigen::Vector2d pixel = Eigen::Vector2d::Zero();
-  double time = 0.0;  // of its line in a rolling shutter's readout, -0.5 to 0.5
+  double time = 0.0;   // of its line in a rolling shutter's readout, -0.5 to 0.5
+  double noise = 1.0;  // in units of an ordinary observation's: its residual is divided by it
 };
 
 // What is adjusted. Cameras are shared by any number of images.

@@ -64,10 +64,11 @@ ObservationTable Linearize(const Bundle& bundle, const BundleState& state, doubl
       Eigen::Matrix<double, 2, 3> by_p;
       const Eigen::Vector2d residual =
           BearingResidual(observation.bearing, chain.Point(point), &by_p);
-      const double squared = residual.squaredNorm();
-      const double weight =
+      const double squared = residual.squaredNorm() / (observation.noise * observation.noise);
+      const double by_loss =
           loss_scale > 0 ? std::sqrt(1.0 / (1.0 + squared / (loss_scale * loss_scale))) : 1.0;
-      weighted[i] = weight * weight * squared;
+      weighted[i] = by_loss * by_loss * squared;
+      const double weight = by_loss / observation.noise;
       const ChainDerivatives by = Derivatives(chain, point, weight * by_p);
       ObservationDerivatives& linear = found.linear[i];
       linear.body = state.body_of_image[observation.image];

@@ -237,7 +237,7 @@ double BundleProblem::Linearize(int i) {
   if (!EvaluateObservation(bundle_, state_, i, evaluation_.get(), &found)) {
     return std::numeric_limits<double>::infinity();
   }
-  const double squared = found.residual.squaredNorm();
+  const double squared = found.residual.squaredNorm() / (observation.noise * observation.noise);
   // rho(s) = b log(1 + s / b), rho' = 1 / (1 + s / b), with s the squared residual, b the squared
   // scale: Gauss-Newton sees residuals times sqrt(rho'), and the cost is rho / 2.
   // Cauchy's loss, by weights.
@@ -247,6 +247,7 @@ double BundleProblem::Linearize(int i) {
     cost = bend * std::log1p(squared / bend);
     weight = std::sqrt(1.0 / (1.0 + squared / bend));
   }
+  weight /= observation.noise;
   system_->Residual(i) = weight * found.residual;
   system_->ByPoint(i) = weight * found.by.by_point;
   double* out = system_->ByBlocks(i);

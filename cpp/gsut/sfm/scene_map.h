@@ -122,6 +122,14 @@ class SceneMap {
   const Pose& PoseOf(const Observation& observation) const {
     return rolling() ? moved_[observation.image][observation.feature] : poses_[observation.image];
   }
+  bool IsOther(const Observation& observation) const {
+    const auto& others = images_[observation.image].is_other;
+    return !others.empty() && others[observation.feature] != 0;
+  }
+  // In units of the noise of features of the first kind.
+  double NoiseOf(const Observation& observation) const {
+    return IsOther(observation) ? other_noise_ : 1.0;
+  }
   double TimeOf(const Observation& observation) const {
     return rolling() ? times_[observation.image][observation.feature] : 0.0;
   }
@@ -165,6 +173,7 @@ class SceneMap {
   int CompleteTrack(Track* track);
   void UpdateBearings();
   void UpdateLoss();
+  void UpdateNoise();
   std::vector<int> TracksOf(const std::vector<std::uint8_t>* images_free) const;
   std::vector<int> ChooseSpread() const;
   void PlaceOthers(const std::vector<int>& adjusted, const std::vector<Pose>& before);
@@ -201,7 +210,8 @@ class SceneMap {
   // their points) during their readout, where nothing is known of each; first a hand in haste.
   double turn_sigma_ = 0.05, shift_sigma_ = 0.05;
   int num_registered_ = 0;
-  double loss_pixels_;  // where Cauchy's loss bends now
+  double loss_pixels_;        // where Cauchy's loss bends now
+  double other_noise_ = 1.0;  // of features of another kind, over the first kind's
   int gauge_first_ = -1, gauge_second_ = -1;
 };
 

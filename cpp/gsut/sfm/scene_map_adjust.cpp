@@ -1,5 +1,6 @@
 // Bundle adjustment of the growing structure, and the result.
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <limits>
 #include <numeric>
@@ -14,6 +15,8 @@ namespace {
 constexpr double kNaN = std::numeric_limits<double>::quiet_NaN();
 // Cauchy's loss never bends below this many pixels.
 constexpr double kLeastLoss = 0.02;
+// Fewest tracks of each kind of features that show how exactly these are found.
+constexpr std::size_t kFewestOfKind = 30;
 // Fewest images whose velocities show how much all of them move.
 constexpr std::size_t kFewestVelocities = 6;
 // What they show at least and at most: cameras that stand still, and none that a hand holds
@@ -59,6 +62,7 @@ std::vector<double> MedianDistances(const Bundle& bundle) {
 // The loss follows the data: it bends at a multiple of the median residual, so that sharp features
 // are weighed finely and blurred ones are not all outliers.
 void SceneMap::UpdateLoss() {
+  UpdateNoise();
   // Chunks find their lengths beside each other; a median has no order.
   const auto count = static_cast<std::int64_t>(tracks_.size());
   std::vector<std::vector<double>> parts((count + kTrackGrain - 1) / kTrackGrain);
@@ -66,7 +70,8 @@ void SceneMap::UpdateLoss() {
     for (std::int64_t t = begin; t < end; ++t) {
       for (const Observation& observation : tracks_[t].observations) {
         if (!tracks_[t].has_point || !observation.used) continue;
-        parts[begin / kTrackGrain].push_back(Residual(tracks_[t], observation));
+        parts[begin / kTrackGrain].push_back(Residual(tracks_[t], observation) /
+                                             NoiseOf(observation));
       }
     }
   });
@@ -75,6 +80,35 @@ void SceneMap::UpdateLoss() {
   if (lengths.empty()) return;
   loss_pixels_ = std::clamp(options_.loss_scale * Median(&lengths), kLeastLoss,
                             std::max(kLeastLoss, options_.max_error / kErrorOverBend));
+}
+
+// The variance component of features of another kind. Of each track the residuals' squares over the
+// median of a chi-squared variable of its degrees of freedom (Wilson and Hilferty, 1931) estimate a
+// variance; the median over the tracks of a kind is not moved by wrong matches.
+void SceneMap::UpdateNoise() {
+  if (std::ranges::all_of(images_, [](const auto& image) { return image.is_other.empty(); }))
+    return;
+  std::array<std::vector<double>, 2> variances;
+  for (const Track& track : tracks_) {
+    if (!track.has_point) continue;
+    double squares = 0.0;
+    int used = 0;
+    bool is_other = false;
+    for (const Observation& observation : track.observations) {
+      if (!observation.used) continue;
+      const double length = Residual(track, observation);
+      squares += length * length;
+      ++used;
+      is_other = IsOther(observation);
+    }
+    const double freedom = 2.0 * used - 3.0;
+    variances[is_other].push_back(squares / (freedom * std::pow(1 - 2 / (9 * freedom), 3)));
+  }
+  if (std::min(variances[0].size(), variances[1].size()) < kFewestOfKind) return;
+  const auto sigma = [](std::vector<double>* squares) {
+    return std::max(std::sqrt(Median(squares)), kLeastLoss);
+  };
+  other_noise_ = sigma(&variances[1]) / sigma(&variances[0]);
 }
 
 // A new image changes what is near it: itself and the images that share most points with it move,
@@ -257,9 +291,10 @@ void SceneMap::AdjustImage(int image, double max_error) {
       for (const Observation& observation : track.observations) {
         if (observation.image != image || !HasRay(observation)) continue;
         if (!(Residual(track, observation) < max_error)) continue;
-        bundle.observations.push_back(
-            {0, static_cast<int>(bundle.points.size()), bearings_[image][observation.feature],
-             images_[image].pixels[observation.feature], TimeOf(observation)});
+        bundle.observations.push_back({0, static_cast<int>(bundle.points.size()),
+                                       bearings_[image][observation.feature],
+                                       images_[image].pixels[observation.feature],
+                                       TimeOf(observation), NoiseOf(observation)});
         bundle.points.push_back(track.position);
       }
     }
@@ -309,6 +344,7 @@ Structure SceneMap::Result(bool covariances) const {
   for (const double length : lengths) result.rms += length * length;
   if (!lengths.empty()) result.rms = std::sqrt(result.rms / static_cast<double>(lengths.size()));
   result.median = Median(&lengths);
+  result.other_noise = other_noise_;
   result.covariances.assign(images_.size(), Eigen::Matrix<double, 6, 6>::Zero());
   if (covariances && num_registered_ >= 2) {
     BundleOptions options;

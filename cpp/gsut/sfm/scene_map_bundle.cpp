@@ -85,10 +85,12 @@ Bundle SceneMap::MakeBundle(const std::vector<std::uint8_t>* images_free,
       std::size_t at = begin[point];
       for (const Observation& observation : tracks_[tracks[point]].observations) {
         if (!observation.used) continue;
-        bundle.observations[at++] = {place[observation.image], static_cast<int>(point),
+        bundle.observations[at++] = {place[observation.image],
+                                     static_cast<int>(point),
                                      bearings_[observation.image][observation.feature],
                                      images_[observation.image].pixels[observation.feature],
-                                     TimeOf(observation)};
+                                     TimeOf(observation),
+                                     NoiseOf(observation)};
       }
     }
   });

@@ -22,6 +22,8 @@ struct ImageFeatures {
   std::vector<Eigen::Vector2d> pixels;  // (0.5, 0.5) is the centre of the top-left pixel
   // (N, kDescriptorLength) of any length; kept by the caller. Null: tracks are not extended.
   const std::uint8_t* descriptors = nullptr;
+  // Features of another kind, found less exactly or more so; empty: all are of one kind.
+  std::vector<std::uint8_t> is_other = {};
 };
 
 // Cameras that are fixed to each other: what is known of them. Of an image the body (the rig in one
@@ -144,8 +146,9 @@ struct Structure {
   std::vector<StructurePoint> points;
   int initial_first = -1, initial_second = -1;
   int restarts = 0;
-  double rms = 0.0;     // pixels: root of the mean squared length of the residuals
-  double median = 0.0;  // pixels: median length
+  double rms = 0.0;          // pixels: root of the mean squared length of the residuals
+  double median = 0.0;       // pixels: median length
+  double other_noise = 1.0;  // of features of another kind, over the first kind's
   // (6, 6) of (centre in the world, turn in the camera frame), see PoseCovariances; 0 where not
   // registered. The first image's pose and one component of the second's centre are held.
   std::vector<Eigen::Matrix<double, 6, 6>> covariances;

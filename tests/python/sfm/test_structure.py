@@ -55,6 +55,27 @@ def test_estimate_poses_synthetic_walk_finds_all_poses_within_noise(rng):
     assert behind > 20  # observations behind the camera plane are used, not dropped
 
 
+def test_estimate_poses_features_of_another_kind_are_weighed_by_their_own_noise(rng):
+    inexact = np.arange(500) % 2 == 1
+    scene = Synthetic(rng, noise=np.where(inexact, 1.0, 0.2)[:, None])
+    of_points = []
+    for pose, features in zip(scene.poses, scene.features, strict=True):
+        pixels, _ = scene.camera.project(scene.points @ pose[:3, :3].T + pose[:3, 3])
+        apart = np.linalg.norm(features.pixels[:, None] - pixels, axis=2)
+        of_points.append(inexact[np.nanargmin(apart, axis=1)].tolist())
+    alike, weighed = scene.solve(max_error=5.0), scene.solve(max_error=5.0, is_other=of_points)
+    assert alike["other_noise"] == 1.0
+    low, high = tolerances.SFM_OTHER_NOISE
+    assert low < weighed["other_noise"] < high  # 5
+    ate = [
+        compare_poses(each["camera_from_world"], np.array(scene.poses)).ate_percent
+        for each in (alike, weighed)
+    ]
+    assert ate[1] < tolerances.SFM_OTHER_NOISE_ATE_RATIO * ate[0]
+    with pytest.raises(gsut.InputError, match="one flag a feature"):
+        scene.solve(is_other=[row[:-1] for row in of_points])
+
+
 def test_estimate_poses_thinned_finds_poses_as_well_as_by_all_tracks(rng):
     scene = Synthetic(rng, images=12, points=900)
     found = {thin_from: scene.solve(thin_from=thin_from) for thin_from in (6, 100)}

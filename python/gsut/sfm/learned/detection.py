@@ -56,6 +56,7 @@ def detect_learned(
         np.full(len(best), CELL / scale, np.float32),
         np.minimum(np.rint(DESCRIPTOR_SCALE * split), 255).astype(np.uint8),
         pixels[corner[best, 1], corner[best, 0]],
+        np.ones(len(best), bool),
     )
 
 

@@ -32,6 +32,7 @@ _PIXELS_EACH = 300
 # Of SIFT: a higher one misses features of even surfaces, and images with them.
 _CONTRAST = 0.0067
 _STAGE = "features-{:06d}"  # name of an image's stage file
+_STORED = ("pixels", "sizes", "descriptors", "colors")  # of features, in a stage file
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,20 +45,29 @@ class Features:
         descriptors: (N, 128) uint8, DESCRIPTOR_SCALE times the root of SIFT's shares (root-SIFT:
             Arandjelovic and Zisserman 2012), at most 255; see `normalize_descriptors`.
         colors: (N, 3) uint8 red, green, blue at the pixels.
+        is_learned: (N,) bool, found by a network, which is less exact; None: none is.
     """
 
     pixels: np.ndarray
     sizes: np.ndarray
     descriptors: np.ndarray
     colors: np.ndarray
+    is_learned: np.ndarray | None = None
 
     def __len__(self) -> int:
         return len(self.pixels)
 
     def join(self, others: Features) -> Features:
         """Returns these features, with others of the same image behind them."""
-        pairs = zip(vars(self).values(), vars(others).values(), strict=True)
-        return Features(*(np.concatenate(pair) for pair in pairs))
+        pair = (self, others)
+        arrays = {name: np.concatenate([getattr(each, name) for each in pair]) for name in _STORED}
+        if any(each.is_learned is not None for each in pair):
+            arrays["is_learned"] = np.concatenate([each.flag_learned() for each in pair])
+        return Features(**arrays)
+
+    def flag_learned(self) -> np.ndarray:
+        """Returns (N,) bool, which of the features are learned."""
+        return np.zeros(len(self), bool) if self.is_learned is None else self.is_learned
 
     def normalize_descriptors(self, most: int | None = None) -> np.ndarray:
         """Returns (M, 128) float32 descriptors of unit length of the `most` largest features."""
@@ -158,7 +168,7 @@ def collect_features(
                 note(f"left out: {result}")
                 result = make_no_features()
             elif stages is not None:
-                stages.save(_STAGE.format(index), vars(result))
+                stages.save(_STAGE.format(index), {name: getattr(result, name) for name in _STORED})
             found[index] = result
             on_progress("features", done, total, f"{len(result):,} in {photographs.names[index]}")
     if total - len(broken) < FEWEST_IMAGES:
@@ -171,8 +181,7 @@ def collect_features(
 
 def _load_features(stages: Stages, index: int) -> Features | None:
     arrays = stages.load(_STAGE.format(index))
-    names = {field.name for field in dataclasses.fields(Features)}
-    return None if arrays is None or set(arrays) != names else Features(**arrays)
+    return None if arrays is None or set(arrays) != set(_STORED) else Features(**arrays)
 
 
 def make_no_features() -> Features:

@@ -52,6 +52,7 @@ class Solution:
             the camera turns (radians, camera frame) during the image's readout.
         lines: how each image is read, where they differ.
         camera_from_body: (M, 4, 4) of a rig's mounts, else None.
+        learned_noise: standard deviation of learned features' errors over that of the others.
     """
 
     names: list[str]
@@ -74,6 +75,7 @@ class Solution:
     velocities: np.ndarray | None = None
     lines: ImageLines | None = None
     camera_from_body: np.ndarray | None = None
+    learned_noise: float = 1.0
 
     @property
     def num_registered(self) -> int:

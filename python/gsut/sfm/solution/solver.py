@@ -202,6 +202,8 @@ def _make_settings(images: Images, options: PosesOptions, adjustment: Adjustment
         "loss_scale": LOSS_SCALE,
         "seed": options.seed,
     }
+    if any(f.is_learned is not None for f in images.features):
+        settings["is_other"] = [f.flag_learned().tolist() for f in images.features]
     if adjustment.lens_free is not None:
         lenses = index_lenses(images.cameras, adjustment.lens_free)
         free = [[] if f is None else [int(flag) for flag in f] for f in lenses.free]
@@ -233,6 +235,7 @@ def _make_solution(images: Images, found: dict[str, Any], lenses: IndexedLenses)
         FEATURE_VARIANCE * found["covariances"],
         found["points"], colors, found["point_errors"], observations, pixels, residuals, angles,
         found["initial_pair"], found["restarts"], found["rms"], found["median"],
+        learned_noise=found["other_noise"],
     )  # fmt: skip
 
 
