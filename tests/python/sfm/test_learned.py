@@ -1,5 +1,6 @@
 """Learned features, against the outputs of the network's own code."""
 
+import dataclasses
 import hashlib
 import json
 import os
@@ -20,8 +21,9 @@ from gsut.sfm.learned import add_learned_features, supplement
 from gsut.sfm.learned.detection import detect_learned, find_keypoints, sample_descriptors
 from gsut.sfm.learned.network import run_network
 from gsut.sfm.learned.weights import find_weights, read_weights
+from gsut.sfm.matches import RawMatches, match_images, verify_matches
 from gsut.sfm.photographs import DESCRIPTOR_SCALE
-from synthetic_walk import Synthetic
+from synthetic_walk import Synthetic, quiet
 
 
 @pytest.fixture(scope="module")
@@ -147,6 +149,25 @@ def test_learned_features_join_where_sift_holds_poses_badly(halves, is_used, mon
     assert found.solved.registered.all()
     assert ("learned" in found.found.figures) == is_used
     assert any("XFeat" in note for note in found.log.notes) == is_used
+
+
+def test_learned_matches_that_agree_with_a_pose_by_chance_are_left_out(rng):
+    scene, options = Synthetic(rng, images=2, points=900), PosesOptions()
+    images = scene.images()
+    learned = dataclasses.replace(
+        images,
+        features=[
+            dataclasses.replace(each, is_learned=np.ones(len(each), bool))
+            for each in images.features
+        ],
+    )
+    right = match_images(images.names, images.features, options, quiet)
+    most = [len(each) for each in images.features]
+    wrong = RawMatches(right.pairs, [rng.integers(0, most, (3000, 2)).astype(np.int32)])
+    assert verify_matches(images, wrong, options)
+    assert not verify_matches(learned, wrong, options)
+    (plain,), (kept,) = (verify_matches(each, right, options) for each in (images, learned))
+    np.testing.assert_array_equal(kept.matches, plain.matches)
 
 
 @pytest.mark.slow

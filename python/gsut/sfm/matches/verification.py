@@ -28,6 +28,9 @@ _DARK = 25  # mean grey value of the features of an underexposed picture, of 255
 _BRIGHT = 235  # mean grey value of the features of an overexposed picture, of 255
 _FEW_FEATURES = 500  # of a picture that is blurred, dark or without texture
 _FEWEST_MATCHES = 20  # verified, of a pair that is used
+# Standard deviations of chance by which more matches must agree with a pose than of the others with
+# another one, where features are learned.
+_CLEARLY = 3.0
 # Factor on the largest errors under a rolling shutter, until velocities are estimated.
 ROLLING_ERROR = 12.0
 ALL_SAME = (
@@ -43,7 +46,9 @@ def verify_matches(
 ) -> list[PairMatches]:
     """Keeps matches that agree with one relative pose a pair, and with the other pairs' rotations.
 
-    Matches of a rolling shutter may be ROLLING_ERROR times farther off.
+    Matches of a rolling shutter may be ROLLING_ERROR times farther off. Each other's nearest among
+    learned features, which no ratio of distances sorts out, agree with some pose by chance: as many
+    of the others then agree with another one. Such pairs are left out.
 
     Returns:
         The pairs with at least _FEWEST_MATCHES matches that the others do not contradict.
@@ -65,10 +70,17 @@ def verify_matches(
             for (a, b), m in zip(batch, raw.matches[begin : begin + BATCH], strict=True)
         ]
         verified = _core.verify_pairs(bearings, batch, found, max_error, options.seed)
-        for (a, b), matches, (inliers, pose, rotation, parallax, ok) in zip(
-            batch, found, verified, strict=True
+        most = np.zeros(len(batch))
+        if any(f.is_learned is not None for f in images.features):
+            rest = [m[~each[0]] for m, each in zip(found, verified, strict=True)]
+            rivals = _core.verify_pairs(bearings, batch, rest, max_error, options.seed)
+            most = np.array([each[0].sum() for each in rivals])
+        for (a, b), matches, rival, (inliers, pose, rotation, parallax, ok) in zip(
+            batch, found, most, verified, strict=True
         ):
-            if ok and int(inliers.sum()) >= _FEWEST_MATCHES:
+            count = int(inliers.sum())
+            is_clear = count - rival > _CLEARLY * np.sqrt(count + rival)
+            if ok and count >= _FEWEST_MATCHES and is_clear:
                 result.append(
                     PairMatches(int(a), int(b), matches[inliers], pose, rotation, parallax)
                 )

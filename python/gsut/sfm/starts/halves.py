@@ -40,11 +40,12 @@ def compare_halves(mapping: Mapping) -> Mapping:
 
     It shows what points do not share: wrong matches, and too few of them to hold a pose. An error
     that they share, of the lens or the shutter, is in both; the lens, and velocities during a
-    readout, are held. Does nothing for a rig, or without points. Infinite where a half holds no
-    poses.
+    readout, are held. Does nothing for a rig, without points, or where they were compared already.
+    Infinite where a half holds no poses.
     """
     solution, options = mapping.solved, mapping.options
-    if mapping.rig is not None or not len(solution.points):
+    is_known = mapping.found.halves_of is solution
+    if mapping.rig is not None or not len(solution.points) or is_known:
         return mapping
     motion = ReadoutMotion.hold(solution)
     try:
@@ -65,10 +66,10 @@ def compare_halves(mapping: Mapping) -> Mapping:
             for half in split_matches(mapping)
         )
     except SolveError:
-        return mapping.add_findings(halves_px=(math.inf, math.inf))
+        return mapping.add_findings(halves_px=(math.inf, math.inf), halves_of=solution)
     differences = measure_differences(one, other, solution)
     good, usable = 0.5 * np.quantile(differences, _SHARES, method="higher")
-    return mapping.add_findings(halves_px=(float(good), float(usable)))
+    return mapping.add_findings(halves_px=(float(good), float(usable)), halves_of=solution)
 
 
 def split_matches(mapping: Mapping) -> list[list[PairMatches]]:
