@@ -118,7 +118,7 @@ def make_scene(
     ):
         pictures = _choose_pictures(folder, bars)  # capture/: frames, a first lens
         poses, seconds = _find_poses(folder, pictures, bars)  # sfm/: poses, the lens
-        metrics, trained = _train(folder, bars, watch)  # train.py
+        metrics, trained = _train(folder, poses, bars, watch)  # train.py
         # A stage that an earlier call finished took what its figures say.
         taken = {POSES: seconds or poses["seconds"]["total"]}
         _report(folder, pictures, poses, metrics, bars, taken)  # run/: verdict; evaluate/: page
@@ -182,7 +182,7 @@ def _make_training_options(options: SceneOptions) -> TrainOptions:
 
 
 def _train(
-    folder: SceneFolder, bars: StagedProgress, watch: BeginWatch | None
+    folder: SceneFolder, poses: dict[str, Any], bars: StagedProgress, watch: BeginWatch | None
 ) -> tuple[dict[str, Any], TrainResult | None]:
     """Trains on the dataset in poses/; returns the content of metrics.json and the result, if this
     process made it."""
@@ -199,7 +199,10 @@ def _train(
         dataset = hold_out_views(dataset, options.test_names or ())
     else:
         names = [view.name for view in dataset.views]
-        held_out = choose_inner_views(names, options.test_every)
+        rows = [row for row in poses["views"] if row["registered"]]
+        spare = [row["points_held_without"] for row in rows if "points_held_without" in row]
+        is_known = len(spare) == len(names)
+        held_out = choose_inner_views(names, options.test_every, spare if is_known else None)
         dataset = hold_out_views(dataset, held_out)
         options = dataclasses.replace(options, test_names=tuple(held_out))
         options = fit_to_views(options, len(dataset.train_indices))

@@ -261,6 +261,12 @@ def test_inner_views_have_training_views_on_both_sides(total):
     assert choose_inner_views(names, 0) == []
 
 
+def test_inner_views_are_those_that_the_others_know_most_of_where_the_order_says_nothing():
+    names = [f"{i:03d}" for i in range(10)]
+    spare = [0, 3, 9, 9, 1, 8, 2, 2, 2, 7]
+    assert choose_inner_views(names, 8, spare) == ["002", "005"]
+
+
 def test_name_in_full_wins_over_the_same_file_name_in_a_folder(tmp_path):
     names = ["a.png", "left/a.png"]
     assert split_views(names, tmp_path, test_names=["a.png"])[:2] == ([1], [0])

@@ -6,6 +6,8 @@ import difflib
 from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 
+import numpy as np
+
 from gsut.bounds import check_number
 from gsut.data.errors import DatasetError, list_some
 from gsut.data.scene.scene import Scene
@@ -74,7 +76,9 @@ def split_views(
     return sorted(train), sorted(test), notes
 
 
-def choose_inner_views(names: Sequence[str], test_every: int) -> list[str]:
+def choose_inner_views(
+    names: Sequence[str], test_every: int, spare: Sequence[float] | None = None
+) -> list[str]:
     """Chooses views to hold out that have training views on both sides, evenly spread.
 
     The usual split begins with the first view, which only one side sees: with few views its score
@@ -83,6 +87,9 @@ def choose_inner_views(names: Sequence[str], test_every: int) -> list[str]:
     Args:
         names: of the views, in order.
         test_every: one view in this number is held out, rounded up; 0 holds none out.
+        spare: what the other views know of each, where the order says nothing of that: of each
+            part of the views the one of which they know most is held out.
+
     Returns:
         names; none of fewer than three views.
     """
@@ -90,6 +97,9 @@ def choose_inner_views(names: Sequence[str], test_every: int) -> list[str]:
     if not test_every or total < 3:
         return []
     count = min(-(-total // test_every), total // 3)
+    if spare is not None:
+        parts = np.array_split(np.arange(total), count)
+        return [names[part[np.argmax(np.take(spare, part))]] for part in parts]
     return [names[(2 * i + 1) * total // (2 * count)] for i in range(count)]
 
 

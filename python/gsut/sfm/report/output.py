@@ -19,6 +19,7 @@ from gsut.data.poses import invert_pose
 from gsut.files import read_json, register_reader, write_file
 from gsut.run import Verdict
 from gsut.sfm.mapping import Mapping
+from gsut.sfm.matches import find_frame_numbers
 from gsut.sfm.photographs import Photographs
 from gsut.sfm.report.page import REPORT, write_report
 from gsut.sfm.report.verdict import judge_solution, list_notes
@@ -155,6 +156,9 @@ def _format_colmap(
     return format_model_texts(model), notes
 
 
+_HELD_BY = 3  # images that observe a point, of which any may be left out
+
+
 def list_figures(
     solution: Solution, seconds: dict[str, float], notes: list[str], extra: dict[str, Any]
 ) -> dict[str, Any]:
@@ -162,10 +166,15 @@ def list_figures(
     sigmas = np.sqrt(np.einsum("nii->ni", solution.covariances))
     lenses = list(dict.fromkeys(solution.cameras))
     rows = []
+    images_of_point = np.bincount(solution.observations[:, 0])
+    in_order = find_frame_numbers(solution.names, None) is not None
     for i, name in enumerate(solution.names):
         row: dict[str, Any] = {"name": name, "registered": bool(solution.registered[i])}
         if solution.registered[i]:
             mine = solution.observations[:, 1] == i
+            if not in_order:
+                held = images_of_point[solution.observations[mine, 0]] >= _HELD_BY
+                row["points_held_without"] = int(held.sum())
             lengths = np.linalg.norm(solution.residuals[mine], axis=1)
             row["camera_from_world"] = solution.camera_from_world[i].tolist()
             if solution.velocities is not None:
