@@ -2,7 +2,7 @@
 include(GNUInstallDirs)
 include(CMakePackageConfigHelpers)
 set(if_asked "")
-if(SKBUILD)  # the wheel of the Python module does not contain them
+if(SKBUILD AND NOT GSUT_INSTALL)  # the wheel of the Python module does not contain them
   set(if_asked EXCLUDE_FROM_ALL)
 endif()
 set(package_dir ${CMAKE_INSTALL_LIBDIR}/cmake/gsut)

@@ -115,6 +115,13 @@ def test_core_is_found_where_it_is_installed(tmp_path, prefix):
     assert build_and_run(tmp_path / "found", found, "cameras", CAMERAS, there) == "1 42 44"
 
 
+def test_build_of_the_module_installs_libraries_where_asked(tmp_path):
+    call("cmake", "-S", ROOT, "-B", tmp_path, "-DSKBUILD=2", "-DGSUT_BUILD_PYTHON=OFF",
+         "-DGSUT_INSTALL=ON")  # fmt: skip
+    with pytest.raises(AssertionError, match=r"cannot find[\s\S]*libgsut_base\.a"):  # not built
+        call("cmake", "--install", tmp_path, "--prefix", tmp_path / "prefix")
+
+
 @pytest.mark.parametrize(
     ("component", "message"),
     [
