@@ -4,7 +4,7 @@ from gsut.capture import Capture
 from gsut.data.points import color_points
 from gsut.data.rigs import read_rig
 from gsut.refine import Localized, RefinedPose, localize_image, refine_pose
-from gsut.refine.captures import CaptureAlignment, align_captures, find_changes
+from gsut.refine.captures import CaptureAlignment, align_captures, align_to_cloud, find_changes
 from gsut.sfm import PoseErrors, compare_poses
 from gsut.surface.stereo import find_depth_maps
 
@@ -15,6 +15,7 @@ __all__ = [
     "PoseErrors",
     "RefinedPose",
     "align_captures",
+    "align_to_cloud",
     "color_points",
     "compare_poses",
     "find_changes",

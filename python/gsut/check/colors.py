@@ -52,7 +52,8 @@ def check_colors(scene: Scene, *, progress: bool = True) -> Iterator[Finding]:
         found = f"colours of the points agree with the pixels only at r = {agreed:.2f}; expected >"
         yield Finding(
             "warning", where, f"{found} {EXPECTED_R}",
-            "poses, lens or points may use another convention: check them",
+            "poses, lens or points may use another convention: check them; a cloud in "
+            "a frame of its own is placed by `gsut align CLOUD DATA -o NEW`",
         )  # fmt: skip
         return
     yield Finding("info", where, f"colours of the points agree with the pixels at r = {agreed:.2f}")

@@ -176,6 +176,13 @@ degrees = Number(0, 360, above=True)  # of a field of view
 positive = Number(0, above=True)
 
 
+def is_run(source: Path) -> bool:
+    """Returns whether a folder holds a finished run."""
+    from gsut.run import RunFile
+
+    return (source / RunFile.OPTIONS).is_file() and (source / RunFile.SCENE).is_file()
+
+
 def read_folder_name(text: str) -> str:
     """Reads the name of a folder to write, for `type=`; rejects an empty or a file's name."""
     if not text:

@@ -1,26 +1,36 @@
-"""`gsut align`: places one run in the frame of another, and shows what has changed."""
+"""`gsut align`: places a run in the frame of another, or of a cloud; shows what has changed."""
 
 from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Any
 
-from gsut.cli._flags import add_json, print_result
+from gsut._core import InputError
+from gsut.cli._flags import add_json, is_run, print_result
 from gsut.files import refuse_existing
 
-HELP = "place a run in the frame of another; show what has changed"
+HELP = "place a run in the frame of another or of a laser scan; show what has changed"
 DESCRIPTION = (
-    "Locates photographs of RUN_B in the scene of RUN_A and prints the similarity from the "
-    "coordinates of B to those of A, with its standard deviations."
+    "Locates photographs of B in the scene of A, or the distances that they show in the cloud A, "
+    "and prints the similarity from the coordinates of B to those of A, with its standard "
+    "deviations."
 )
+_CLOUDS = (".las", ".laz", ".ply")
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("first", metavar="RUN_A", help="a finished run, whose frame stays")
-    parser.add_argument("other", metavar="RUN_B", help="another of the same place")
     parser.add_argument(
-        "-o", "--out", metavar="FILE", help="scene file to write: B in the frame of A"
+        "first", metavar="A",
+        help="a finished run, or a cloud (.las, .laz, .ply) in any unit, whose frame stays",
+    )  # fmt: skip
+    parser.add_argument(
+        "other", metavar="B", help="a run of the same place; a dataset where A is a cloud"
     )
+    parser.add_argument(
+        "-o", "--out", metavar="OUT",
+        help="B in the frame of A: a scene file, of a dataset a new one with the points of A",
+    )  # fmt: skip
     parser.add_argument(
         "--changes", metavar="FOLDER",
         help="pictures to write: what photographs of B saw, what has changed since A in red",
@@ -37,6 +47,8 @@ def run(arguments: argparse.Namespace) -> int:
 
     for path in filter(None, (arguments.out, arguments.changes)):
         refuse_existing(Path(path))
+    if Path(arguments.first).suffix.lower() in _CLOUDS:
+        return _align_to_cloud(arguments)
     first, second = (load_run(each) for each in (arguments.first, arguments.other))
     other = second.scene
     with Progress() as bars:
@@ -46,12 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
             on_progress=bars.show,
         )  # fmt: skip
     moved = found.apply(second.gaussians)
-    figures = {
-        "matrix": found.matrix.tolist(), "scale": found.scale,
-        "scale_sigma_percent": 100 * found.scale_sigma,
-        "rotation_sigma_degrees": found.rotation_sigma, "position_sigma": found.position_sigma,
-        "photographs": found.names, "rejected": found.rejected, "changed": {},
-    }  # fmt: skip
+    figures = _list_figures(found) | {"changed": {}}
     if arguments.out is not None:
         save_gaussians(arguments.out, moved)
     if arguments.changes is not None:
@@ -63,12 +70,47 @@ def run(arguments: argparse.Namespace) -> int:
                 changed, picture = find_changes(first.gaussians, moved, other.camera(index), pose)
                 write_png(folder / f"{Path(view.name).stem}.png", picture, view.turns)
                 figures["changed"][view.name] = float(changed.mean())
-    lines = [
+    shares = [f"{name}: {share:.1%} has changed" for name, share in figures["changed"].items()]
+    return print_result(arguments, figures, [*_describe(found), *shares])
+
+
+def _align_to_cloud(arguments: argparse.Namespace) -> int:
+    from gsut.data import convert_dataset, load_dataset
+    from gsut.data.points import load_points
+    from gsut.formats import save_gaussians
+    from gsut.refine.captures import align_to_cloud
+    from gsut.training import load_run
+
+    if arguments.changes is not None:
+        raise InputError("--changes compares two runs, and A is a cloud")
+    run = load_run(arguments.other) if is_run(Path(arguments.other)) else None
+    scene = load_dataset(arguments.other, test_every=0) if run is None else run.scene
+    found = align_to_cloud(load_points(arguments.first)[0], scene)
+    figures: dict[str, Any] = _list_figures(found) | {"notes": []}
+    if arguments.out is not None and run is not None:
+        save_gaussians(arguments.out, found.apply(run.gaussians))
+    elif arguments.out is not None:
+        figures["notes"] = convert_dataset(
+            arguments.other, arguments.out, cloud=(arguments.first, found.matrix)
+        )
+    notes = [f"note: {each}" for each in figures["notes"]]
+    return print_result(arguments, figures, [*_describe(found), *notes])
+
+
+def _list_figures(found: Any) -> dict[str, Any]:
+    return {
+        "matrix": found.matrix.tolist(), "scale": found.scale,
+        "scale_sigma_percent": 100 * found.scale_sigma,
+        "rotation_sigma_degrees": found.rotation_sigma, "position_sigma": found.position_sigma,
+        "photographs": found.names, "rejected": found.rejected,
+    }  # fmt: skip
+
+
+def _describe(found: Any) -> list[str]:
+    return [
         "coordinates of A from those of B:",
-        *("  " + " ".join(f"{value:12.6f}" for value in row) for row in figures["matrix"]),
+        *("  " + " ".join(f"{value:12.6f}" for value in row) for row in found.matrix.tolist()),
         f"scale {found.scale:.6g} +- {100 * found.scale_sigma:.2g} %, rotation +- "
         f"{found.rotation_sigma:.2g} degrees, positions +- {found.position_sigma:.2g}, by "
         f"{len(found.names)} photographs; {len(found.rejected)} do not agree or show another place",
-        *(f"{name}: {share:.1%} has changed" for name, share in figures["changed"].items()),
     ]
-    return print_result(arguments, figures, lines)

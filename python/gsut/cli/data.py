@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from gsut.cli._flags import add_json, print_result, read_folder_name
+from gsut.cli._flags import add_json, is_run, print_result, read_folder_name
 from gsut.data import list_writable_layouts
 from gsut.terminal import say
 
@@ -63,7 +63,7 @@ def _convert(arguments: argparse.Namespace) -> int:
 
     parts = _collect_parts(arguments)
     source, scene = Path(arguments.source), None
-    if _is_run(source):
+    if is_run(source):
         from gsut.run import RunFolder
         from gsut.training import read_scene
 
@@ -89,9 +89,3 @@ def _collect_parts(arguments: argparse.Namespace) -> dict[str, Any]:
     if given["cameras"] is not None:
         given["cameras"] = [name.strip() for name in given["cameras"].split(",")]
     return {key: value for key, value in given.items() if value is not None}
-
-
-def _is_run(source: Path) -> bool:
-    from gsut.run import RunFile
-
-    return (source / RunFile.OPTIONS).is_file() and (source / RunFile.SCENE).is_file()

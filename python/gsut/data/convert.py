@@ -51,6 +51,7 @@ def convert_dataset(
     parts: Mapping[str, Any] | None = None,
     poses_topic: str | None = None,
     scene: Scene | None = None,
+    cloud: tuple[str | os.PathLike[str], np.ndarray] | None = None,
     progress: bool = False,
 ) -> list[str]:
     """Writes a dataset in another layout, or its poses alone as a trajectory.
@@ -66,6 +67,8 @@ def convert_dataset(
             on; relative paths begin at the working directory.
         poses_topic: of a bag's poses, where several are there.
         scene: take poses and lenses from here, by the names of its views.
+        cloud: a file of points to take, and the similarity (4, 4) from the dataset's coordinates
+            to those of the file, in which the dataset is written.
         progress: show a bar while a bag is read.
 
     Returns:
@@ -87,7 +90,10 @@ def convert_dataset(
                 "each picture has",
                 "leave it out; or give both lens and poses, which replace them",
             )  # fmt: skip
-        return _write(_read(source, given), out, to, copy_file, scene)
+        listing = _read(source, given)
+        if cloud is not None:
+            _move_into(listing, Path(cloud[0]), cloud[1])
+        return _write(listing, out, to, copy_file, scene)
     with staging_folder(out) as staging:
         recording = layout.unpack(
             source, staging, poses_topic="" if given.get("poses") else poses_topic,
@@ -166,6 +172,26 @@ def _take_poses(listing: Listing, scene: Scene) -> None:
         if view is not None:
             frame.world_from_camera = invert_pose(scene.to_dataset(view.camera_from_world))
             frame.camera = scene.file_cameras[view.camera_index]
+
+
+def _move_into(listing: Listing, cloud: Path, matrix: np.ndarray) -> None:
+    """Moves the poses by a similarity (4, 4) into the frame of a cloud, and takes its points."""
+    rotation = matrix[:3, :3] / np.cbrt(np.linalg.det(matrix[:3, :3]))
+    for frame in listing.frames:
+        for name in ("world_from_camera", "world_from_camera_start", "world_from_camera_end"):
+            pose = getattr(frame, name)
+            if pose is not None:
+                moved = np.eye(4)
+                moved[:3, :3] = rotation @ pose[:3, :3]
+                moved[:3, 3] = matrix[:3, :3] @ pose[:3, 3] + matrix[:3, 3]
+                setattr(frame, name, moved)
+        frame.rig = None
+    if any(frame.depth_path is not None for frame in listing.frames):
+        listing.notes.append("depth files are left out: they are in the unit of the poses before")
+        for frame in listing.frames:
+            frame.depth_path = None
+    listing.up = None if listing.up is None else rotation @ listing.up
+    listing.take_points(cloud)
 
 
 def _write_trajectory(out: Path, frames: Sequence[Frame]) -> list[str]:

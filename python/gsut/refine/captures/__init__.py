@@ -2,3 +2,4 @@
 
 from gsut.refine.captures.alignment import CaptureAlignment, align_captures
 from gsut.refine.captures.changes import find_changes
+from gsut.refine.captures.cloud import align_to_cloud

@@ -33,14 +33,28 @@ def find_points_by_stereo(
         Points (N, 3) in the scene's coordinates, and colours (N, 3) uint8. None if hardly anything
         in neighbouring photographs is alike.
     """
+    found = sample_distances(scene, max(most, _FEWEST))
+    if found is None:
+        return None
+    rows = choose_points(len(found[0]), most, seed)
+    return found[1][rows], found[2][rows]
+
+
+def sample_distances(scene: Scene, most: int) -> tuple[np.ndarray, ...] | None:
+    """Samples what some training views show, evenly over each image.
+
+    Returns:
+        Where each ray starts and what it meets (N, 3), in the scene's coordinates, colours (N, 3)
+        uint8 and views (N,), of about `most` rays; None if there are fewer than 100.
+    """
     views = choose_views(scene)
     shown = find_distances(scene, views)
-    parts = [_choose_by_cell(each, max(most, _FEWEST) / len(views)) for each in shown.values()]
-    if sum(len(points) for points, _ in parts) < _FEWEST:
+    parts = [_choose_by_cell(each, most / len(views)) for each in shown.values()]
+    counts = [len(points) for _, points, _ in parts]
+    if sum(counts) < _FEWEST:
         return None
-    points, colors = (np.concatenate(each) for each in zip(*parts, strict=True))
-    rows = choose_points(len(points), most, seed)
-    return points[rows], colors[rows]
+    starts, points, colors = (np.concatenate(each) for each in zip(*parts, strict=True))
+    return starts, points, colors, np.repeat([*shown], counts)
 
 
 def measure_coverage(scene: Scene) -> float:
@@ -80,7 +94,7 @@ def choose_views(scene: Scene) -> list[int]:
     return [train[place] for place in np.linspace(0, len(train) - 1, count).round().astype(int)]
 
 
-def _choose_by_cell(shown: Shown, most: float) -> tuple[np.ndarray, np.ndarray]:
+def _choose_by_cell(shown: Shown, most: float) -> tuple[np.ndarray, ...]:
     """Chooses one point in each cell of a view: that on which most other views agree.
 
     Points through which more views see than show them are left out.
@@ -98,4 +112,4 @@ def _choose_by_cell(shown: Shown, most: float) -> tuple[np.ndarray, np.ndarray]:
     starts, rays = shown.photograph.trace_rays(np.stack([columns, rows], axis=1) + 0.5)
     points = starts + rays / shown.inverse[rows, columns][:, None]
     good = np.isfinite(points).all(axis=1)
-    return points[good], shown.photograph.color[rows, columns][good]
+    return starts[good], points[good], shown.photograph.color[rows, columns][good]
