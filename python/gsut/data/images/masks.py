@@ -83,8 +83,8 @@ def find_mask(folder: Path, name: str) -> Path | None:
     """
     if folder.is_file():
         return folder
-    for candidate in (f"{name}.png", PurePosixPath(name).with_suffix(".png"), name):
-        candidate = folder / candidate
+    for place in (f"{name}.png", PurePosixPath(name).with_suffix(".png"), name):
+        candidate = folder / place
         if candidate.is_file():
             return candidate
     return None
