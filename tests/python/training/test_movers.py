@@ -141,7 +141,7 @@ def test_misfit_is_a_mover_where_enough_of_it_contradicts_the_others(contradicti
     inside = np.argwhere(misfit > 0)[:contradicting]
     weights[tuple(inside.T)] += 1
     look = SimpleNamespace(misfit=misfit, mask=np.ones((SIZE, SIZE), bool))
-    assert movers._grow(found > 0, look, weights, (3, 3))[15, 15] == grows
+    assert movers._grow(found > 0, look, weights)[15, 15] == grows
 
 
 def test_training_leaves_movers_out_and_says_so(wall, tmp_path):

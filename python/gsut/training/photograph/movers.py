@@ -42,16 +42,12 @@ _SPREADS = 3.0
 _SHADE = 1.6
 # Side in pixels of the window in which more than half must differ: single pixels are no mover.
 _WINDOW = 5
-# The same where few compared pixels of the photograph differ, so that it finds what is small.
-_NARROW = 3
-# Share of them up to which five of nine hardly differ by chance, as leaves and reflections do.
-_FEW = 0.01
 # Share of the compared pixels of a connected misfit that must contradict the others: of what is
 # badly reconstructed a tenth do, of people a third or more.
 _CONTRADICTS = 0.25
 # Pixels from which something moved in a view in which the first comparison found nothing: fewer
 # photographs are left for the second one.
-_LEAST_NEW = 100
+_LEAST_NEW = 2 * _WINDOW**2
 # Alpha from which a pixel has a distance.
 _OPAQUE = 0.5
 
@@ -211,21 +207,22 @@ def _compare(own: _Look, *others: _Look) -> np.ndarray:
     different[rows, columns] = is_plain & contradicts
     weights = np.zeros_like(different)  # of growth by it
     weights[rows, columns] = is_plain * (contradicts - np.float32(_CONTRADICTS))
-    side = _WINDOW if (is_plain & contradicts).mean() > _FEW else _NARROW
-    size = (side, side)
+    size = (_WINDOW, _WINDOW)
     dense = cv2.boxFilter(different, -1, size) > 0.5
     found = cv2.dilate(dense.astype(np.uint8), np.ones(size, np.uint8)) > 0
-    return (found | _grow(found, own, weights, size)) & own.mask & valid
+    return (found | _grow(found, own, weights)) & own.mask & valid
 
 
-def _grow(found: np.ndarray, own: _Look, weights: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Finds (H, W) of the misfit, in windows of a size, that is connected with what was found to
-    have moved, where `weights` (H, W) have a positive sum."""
+def _grow(found: np.ndarray, own: _Look, weights: np.ndarray) -> np.ndarray:
+    """Finds (H, W) of the misfit that is connected with what was found to have moved, where
+    `weights` (H, W) have a positive sum.
+    """
     import cv2
 
     if not found.any():
         return found
     least = max(_DIFFERENT, _SPREADS * float(np.median(own.misfit[own.mask])))
+    size = (_WINDOW, _WINDOW)
     dense = cv2.boxFilter((own.misfit > least).astype(np.float32), -1, size) > 0.5
     labels = cv2.connectedComponents(dense.astype(np.uint8), connectivity=4)[1]
     counts = np.bincount(labels.ravel(), weights.ravel()) > 0
