@@ -20,7 +20,7 @@ _ROUNDED = 1 / math.sqrt(12)
 # Standard deviation of the logarithm where a picture was cropped by an unknown amount.
 _CROPPED = 0.15
 # Relative difference of aspect ratios that rounding and resizing explain.
-_SAME_SHAPE = 0.01
+SAME_SHAPE = 0.01
 # Aspect ratio from which a picture was cropped: sensors of photographs are 4:3 or 3:2.
 _WIDE = 1.6
 # Standard deviations between two statements of one camera beyond which they contradict each other.
@@ -101,7 +101,7 @@ def _find_scale(original: tuple[int, int] | None, width: int, height: int) -> tu
     if (original[0] < original[1]) != (width < height):
         original = original[1], original[0]
     across, down = width / original[0], height / original[1]
-    if abs(across / down - 1) <= _SAME_SHAPE:
+    if abs(across / down - 1) <= SAME_SHAPE:
         return math.sqrt(across * down), 0.0
     return max(across, down), _CROPPED  # cropped along one side, as far as is known
 
@@ -120,7 +120,7 @@ def _find_sensor_diagonal(stated: FocalStatement, width: int, height: int) -> tu
         shape = min(_SENSORS, key=lambda sensor: abs(math.log(sensor[0] / diagonal)))[1]
     else:
         shape = aspect if aspect < _WIDE else math.sqrt(2)  # between 4:3 and 3:2
-    if abs(aspect / shape - 1) <= _SAME_SHAPE:
+    if abs(aspect / shape - 1) <= SAME_SHAPE:
         return own, 0.0
     whole = longer * math.hypot(1, 1 / shape) if aspect > shape else shorter * math.hypot(1, shape)
     return whole, math.log(whole / own) / 2

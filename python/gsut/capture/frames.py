@@ -46,7 +46,7 @@ _FEWEST_DIGITS = 5
 # Share of blurred frames from which a note warns.
 _MANY_BLURRED = 0.25
 # Quality of written JPEG files: compression then changes features less than noise does.
-_JPEG_QUALITY = 97
+JPEG_QUALITY = 97
 # Seconds between frames that are looked at: faster videos show nothing new. By their time stamps,
 # since the frame rate that a file names need not be that of its frames.
 _LEAST_APART = 0.0199
@@ -307,7 +307,7 @@ def _write(
         if pixels is None:
             return None
         if number in wanted:
-            write_picture(folder / wanted[number], pixels, _JPEG_QUALITY)
+            write_picture(folder / wanted[number], pixels, JPEG_QUALITY)
         return shrink_frame(number, time, cv2.cvtColor(pixels, cv2.COLOR_BGR2GRAY))
 
     with Video(*files) as source, make_pool() as pool:

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import InputError
-from gsut.capture.frames import IMAGES, Capture
+from gsut.capture.frames import IMAGES, JPEG_QUALITY, Capture
 from gsut.capture.video import read_stream_start
 from gsut.data import CAPTURE, read_capture
 from gsut.data.images import decode_image
@@ -44,8 +44,6 @@ _WIDTHS = (1.7, 2.1)
 _SEAM = 2.0
 # Said where nothing below the camera is masked.
 _ADVICE = "; if a tripod, hand or stick is seen below, --nadir-cap 25 leaves it out"
-# Quality of written JPEG files: compression then changes features less than noise does.
-_JPEG_QUALITY = 97
 
 
 @dataclasses.dataclass(frozen=True)
@@ -185,7 +183,7 @@ def _split(taken: Capture, circles: Sequence[_Circle], nadir: float) -> Capture:
             part = _cut(pixels[:, number * half : (number + 1) * half], *corner, side)
             stem = to_file_name(row["name"].replace("/", "-").rpartition(".")[0])
             target = folder / IMAGES / name / claim_name(f"{stem}.jpg", taken_names)
-            write_picture(target, part, _JPEG_QUALITY)
+            write_picture(target, part, JPEG_QUALITY)
             own = f"{name}/{target.name}"
             flow = _crop_flow(row.get("flow"), number * half + corner[0], corner[1], side)
             rows.append({**row, "name": own, "path": f"{IMAGES}/{own}", "mask": MASK, "flow": flow})

@@ -23,8 +23,9 @@ from gsut import _core
 from gsut._core import InputError, __version__
 from gsut.capture.exif import read_facts
 from gsut.capture.facts import PhotographFacts
+from gsut.capture.focal import SAME_SHAPE
 from gsut.capture.folders import explain_no_photographs, list_folder
-from gsut.capture.frames import IMAGES, Capture, OnProgress, read_finished_capture
+from gsut.capture.frames import IMAGES, JPEG_QUALITY, Capture, OnProgress, read_finished_capture
 from gsut.capture.photograph_formats import decode_stored, require_readers
 from gsut.capture.strip import write_strip
 from gsut.data import CAPTURE, list_some
@@ -46,10 +47,6 @@ from gsut.orientation import ORIENTATIONS, UNMIRRORED, count_turns
 _AS_STORED = ("RGB", "RGBA", "L", "LA", "P", "I;16", "I;16B", "1", "I")
 # Most relative difference of focal lengths of one zoom setting: EXIF rounds them.
 _SAME_FOCAL = 0.03
-# Most relative difference of shapes that resizing makes equal.
-_SAME_SHAPE = 0.01
-# Quality of written JPEG files: compression then changes features less than noise does.
-_JPEG_QUALITY = 97
 _MOST_LISTED = 5  # lenses in a message
 
 
@@ -272,7 +269,7 @@ def _fit_photograph(f: PhotographFacts, name: str, size: tuple[int, int]) -> _Pl
         return _Plan(f, name)
     turned = (f.width < f.height) != (size[0] < size[1])
     width, height = (f.height, f.width) if turned else (f.width, f.height)
-    if abs(width / height * size[1] / size[0] - 1) > _SAME_SHAPE:
+    if abs(width / height * size[1] / size[0] - 1) > SAME_SHAPE:
         return None
     return _Plan(f, name, turned, None if (width, height) == size else size)
 
@@ -383,5 +380,5 @@ def _copy(plan: _Plan, target: Path | None) -> Path | InputError | None:
         pixels = np.rot90(pixels)
     if plan.size is not None:
         pixels = cv2.resize(pixels, plan.size, interpolation=cv2.INTER_AREA)
-    write_picture(target, np.ascontiguousarray(pixels[:, :, ::-1]), _JPEG_QUALITY, plan.turns)
+    write_picture(target, np.ascontiguousarray(pixels[:, :, ::-1]), JPEG_QUALITY, plan.turns)
     return target

@@ -8,8 +8,7 @@ import re
 # Bytes of XMP that are searched: cameras write a few thousand.
 _MOST_BYTES = 1 << 20
 # Largest turns in degrees that a gimbal can mean.
-_MOST_PITCH = 120.0
-_MOST_ROLL = 180.0
+_MOST_TURNS = {"Yaw": 360.0, "Pitch": 120.0, "Roll": 180.0}
 
 
 def read_gimbal_angles(xmp: bytes | str | None) -> dict[str, float]:
@@ -24,7 +23,7 @@ def read_gimbal_angles(xmp: bytes | str | None) -> dict[str, float]:
     """
     text = xmp.decode("utf-8", "replace") if isinstance(xmp, bytes) else xmp or ""
     found = {}
-    for name, most in (("Yaw", 360.0), ("Pitch", _MOST_PITCH), ("Roll", _MOST_ROLL)):
+    for name, most in _MOST_TURNS.items():
         match = re.search(
             rf":Gimbal{name}Degree(?:\s*=\s*[\"']|>)\s*([+-]?\d{{1,4}}(?:\.\d{{1,9}})?)\s*[\"'<]",
             text[:_MOST_BYTES],

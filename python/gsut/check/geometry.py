@@ -14,12 +14,11 @@ from gsut.data.points import UNCOLORED, has_colors
 _NO_RAY_MUCH = 0.4  # share of pixels; a 180-degree circle in a square image leaves 0.21
 _NARROWEST = 1.0  # degrees off the axis, which the longest photographic lenses see
 _SAME_PLACE = 1e-6  # of the extent: cameras this near are at one place
-_COLLINEAR = 1e-3  # second over first singular value of the centres, for cameras on one line
+_COLLINEAR = 1e-3  # second over first extent of what lies on one line, or is too small to show
 _FEW_POINTS = 100  # from which a scene can start well
 _FAR_FROM_ORIGIN = 1e3  # distance over extent at which float32 coordinates lose about 0.1 mm in 1 m
 _USUAL_EXTENTS = (1e-2, 1e3)  # units; others work but deserve a note
 _POSSIBLE_EXTENTS = (1e-4, 1e5)  # units; others come of a mistake
-_LEAST_SPREAD = 1e-3  # likewise: what is so small beside a path, no photograph shows
 _POINT_SPREAD_RANGE = (0.05, 100.0)  # median distance of the points over the extent
 
 
@@ -186,7 +185,7 @@ def check_points(scene: Scene) -> Iterator[Finding]:
     center = np.mean([view.camera_center for view in scene.views], axis=0)
     spread = float(np.median(np.linalg.norm(scene.points - center, axis=1))) / scene.extent
     if not _POINT_SPREAD_RANGE[0] < spread < _POINT_SPREAD_RANGE[1]:
-        yield (warn if spread < _LEAST_SPREAD else inform)(
+        yield (warn if spread < _COLLINEAR else inform)(
             f"the points' median distance is {spread:.3g} x the cameras' extent",
             "usual for cameras that turn on the spot; otherwise points and poses may have "
             "different units",

@@ -15,7 +15,7 @@ import numpy as np
 from gsut import _core
 from gsut.bounds import name_wrong_kinds
 from gsut.evaluate.detail import measure_details
-from gsut.evaluate.unseen import find_unseen
+from gsut.evaluate.unseen import OPAQUE, find_unseen
 from gsut.metrics import (
     RING_EDGES_DEGREES,
     Ring,
@@ -41,7 +41,6 @@ FIGURES = (
 _DETAILS = "detail", "detail_shifted", "wrong_patch", "detail_outside"  # by `measure_details`
 # Called with a view, width and height; returns (height, width) bool, or None if nothing moved.
 FindMoving = Callable[[int, int, int], np.ndarray | None]
-_OPAQUE = 0.5  # pixels with less alpha have no depth in the picture
 
 
 @name_wrong_kinds
@@ -268,7 +267,7 @@ def _write_pictures(
 ) -> dict[str, Any]:
     """Writes truth, render and depth, upright; returns their names and the depth's unit."""
     alpha = np.asarray(rendered.alpha, np.float64)
-    shown = mask & (alpha >= _OPAQUE)
+    shown = mask & (alpha >= OPAQUE)
     distance = np.where(shown, rendered.depth / np.where(shown, alpha, 1.0), 0.0)
     unit = float(distance.max()) / np.iinfo(np.uint16).max or 1.0
     pictures = {

@@ -9,7 +9,7 @@ import numpy as np
 # Pixels between the rays that are followed, each way; what is unseen is larger.
 _EVERY = 4
 # Alpha below which a pixel shows what is infinitely far away.
-_OPAQUE = 0.5
+OPAQUE = 0.5
 
 
 def find_unseen(scene: Any, index: int, rendered: Any) -> np.ndarray:
@@ -34,7 +34,7 @@ def find_unseen(scene: Any, index: int, rendered: Any) -> np.ndarray:
     few = np.zeros(alpha.shape, bool)
     few[_EVERY // 2 :: _EVERY, _EVERY // 2 :: _EVERY] = True
     rows, columns = np.nonzero(few & valid)
-    opaque = alpha[rows, columns] >= _OPAQUE
+    opaque = alpha[rows, columns] >= OPAQUE
     distances = np.asarray(rendered.depth)[rows, columns] / np.where(
         opaque, alpha[rows, columns], 1.0
     )

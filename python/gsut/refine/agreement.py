@@ -13,7 +13,7 @@ import numpy as np
 from gsut.data.images import shrink_image, shrink_mask
 
 # Pixels that are compared, about: a pose is found by this number, too.
-_PIXELS = 20_000
+COMPARED_PIXELS = 20_000
 # Parts along the side of a square of as many pixels as count.
 _PARTS = 8
 # Side of a part in pixels, at least: fewer are alike in many places.
@@ -35,7 +35,7 @@ def measure_agreement(photograph: np.ndarray, seen: np.ndarray, mask: np.ndarray
         0 to 1, of the parts that show texture; 0 if none does.
     """
     counted = max(1, int(np.count_nonzero(mask)))
-    factor = min(1.0, float(np.sqrt(_PIXELS / counted)))
+    factor = min(1.0, float(np.sqrt(COMPARED_PIXELS / counted)))
     height, width = mask.shape
     size = [max(1, round(side * factor)) for side in (width, height)]
     grey, drawn = (

@@ -21,7 +21,7 @@ from gsut.data.poses import find_centers
 from gsut.gaussians import Gaussians
 from gsut.refine.agreement import measure_agreement
 from gsut.refine.matched_views import SURE_MATCHES, Start, find_pose_by_matches
-from gsut.refine.pose import RefinedPose
+from gsut.refine.pose import PIXEL_BLUR, RefinedPose
 from gsut.refine.query import Query
 from gsut.refine.secants import measure_pixel_angle, place_lines
 from gsut.render import PixelFilter, place_about, render, to_uint8
@@ -29,8 +29,6 @@ from gsut.sfm.photographs import require_central
 
 # Size of the images that views are ranked by, pixels along the shorter side: layout is enough.
 _THUMBNAIL = 48
-# Standard deviation of the filter that models a thumbnail's pixel, in such pixels.
-_PIXEL_BLUR = 0.3
 # Gaussians that thumbnails are drawn with, about, at most: layout needs no more.
 _THUMBNAIL_GAUSSIANS = 50_000
 # Number of training poses tried as starts, best ranked first.
@@ -196,7 +194,7 @@ def _rank_views(
     likeness = []
     for _, pose in views:
         away = np.linalg.norm(thin.means - find_centers(pose[None])[0], axis=1)
-        wide = PixelFilter.widen_by(thin, (_PIXEL_BLUR * angle * away) ** 2, pose)
+        wide = PixelFilter.widen_by(thin, (PIXEL_BLUR * angle * away) ** 2, pose)
         image = render(wide, small, pose, background=background).image
         likeness.append(float(np.sum(seen * _normalize_colors(image[valid]))))
         show("looking", len(likeness), len(views))

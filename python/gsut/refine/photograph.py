@@ -15,10 +15,8 @@ from gsut.data.images import decode_image, decode_mask, shrink_image, shrink_mas
 from gsut.gaussians import Gaussians
 from gsut.lens import Camera, load_lens
 from gsut.refine.localization import Localized, localize_image
+from gsut.refine.pose import SMALLEST_SIDE
 from gsut.refine.query import list_likely_shutters
-
-# Pixels along a photograph's shorter side, at least: fewer show no place.
-_SMALLEST_SIDE = 24
 
 _Photograph = str | os.PathLike[str] | np.ndarray
 
@@ -59,10 +57,10 @@ def localize(
         SolveError: the photograph shows another place, or was taken through another lens.
     """
     name, pixels, valid = _read_photograph(image)
-    if min(valid.shape) < _SMALLEST_SIDE:
+    if min(valid.shape) < SMALLEST_SIDE:
         raise InputError(
             f"{name} is {valid.shape[1]} x {valid.shape[0]} pixels; a photograph of at least "
-            f"{_SMALLEST_SIDE} a side is needed"
+            f"{SMALLEST_SIDE} a side is needed"
         )
     if mask is not None:
         drawn = np.asarray(mask, bool) if isinstance(mask, np.ndarray) else decode_mask(Path(mask))

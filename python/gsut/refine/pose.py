@@ -23,12 +23,12 @@ from gsut.refine.secants import (
 )
 from gsut.render import DEFAULT_UNSCENTED, PixelFilter, place_about
 
-# Pixels along the shorter side of the coarsest image, at least: fewer show no shapes.
-_SMALLEST_SIDE = 24
 # Share of a lens' widest field angle within which pixels keep their rays while it is refined.
 _INNER = 0.96
+# Pixels along the shorter side of a photograph and of its coarsest image: fewer show no place.
+SMALLEST_SIDE = 24
 # Standard deviation of the filter that models the area of a coarse pixel, in such pixels.
-_PIXEL_BLUR = 0.3
+PIXEL_BLUR = 0.3
 # Sizes, the full one included, at which the motion during a readout is estimated: coarser images
 # hardly show it.
 LEVELS_WITH_MOTION = 3
@@ -219,7 +219,7 @@ class Photograph:
         """
         camera = self.camera
         size = [max(1, round(side / 2**level)) for side in (camera.width, camera.height)]
-        if level > 0 and min(size) < _SMALLEST_SIDE:
+        if level > 0 and min(size) < SMALLEST_SIDE:
             return None
         lens = camera if level == 0 else camera.resize(*size)
         chosen = choose_pixels(shrink_mask(self.valid, *size) & lens.rays()[1], self.max_pixels)
@@ -236,7 +236,7 @@ class Photograph:
         )  # fmt: skip
         if level > 0:
             sizes = find_pixel_sizes(drawn.means, [lens], pose[None])
-            drawn = PixelFilter.widen_by(drawn, (_PIXEL_BLUR * sizes) ** 2, pose)
+            drawn = PixelFilter.widen_by(drawn, (PIXEL_BLUR * sizes) ** 2, pose)
         colors = shrink_image(self.pixels, *size).reshape(-1, 3)[chosen]
         return _Level(drawn, lens, chosen, np.ascontiguousarray(colors))
 

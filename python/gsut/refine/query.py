@@ -10,6 +10,7 @@ import numpy as np
 
 from gsut._core import Shutter
 from gsut.gaussians import Gaussians
+from gsut.refine.agreement import COMPARED_PIXELS
 from gsut.refine.focal import measure_focal_error
 from gsut.refine.pixel_rows import (
     SCENE_BLOCKS,
@@ -40,8 +41,6 @@ _LEVEL_OF_MATCHES = 1
 _LEVEL_WITHOUT_MOTION = 2
 # Pixels along the shorter side below which a focal length is found with the whole photograph.
 _SMALL_SIDE = 96
-# Largest number of pixels compared.
-_PIXELS = 20_000
 # Square of the motion that a global pose leaves over, per unknown and by the noise alone, from
 # which lines are posed: errors of a scene reach 3.
 _MOTION_SUSPECTED = 3.5
@@ -88,8 +87,8 @@ class Query:
     @property
     def _photograph(self) -> Photograph:
         return Photograph(
-            self.gaussians, self.camera, self.pixels, self.valid, tuple(self.background), _PIXELS,
-            SCENE_BLOCKS,
+            self.gaussians, self.camera, self.pixels, self.valid, tuple(self.background),
+            COMPARED_PIXELS, SCENE_BLOCKS,
         )  # fmt: skip
 
     def refine_smaller(self, pose: np.ndarray) -> CoarsePose:

@@ -25,6 +25,7 @@ from gsut.data import Scene
 from gsut.data.scene import Level, TrainingViews
 from gsut.gaussians import Gaussians
 from gsut.lens import find_refinable_params
+from gsut.refine.agreement import COMPARED_PIXELS
 from gsut.refine.motion import extrapolate, measure_pose_changes, remove_mean_motion
 from gsut.refine.pose import choose_pixels, select_inner_pixels
 from gsut.refine.tracks import TracksResult
@@ -44,8 +45,6 @@ _MOST_SWEEPS = 10
 _OVERSHOOT = 2.0
 # Colour difference beyond which a pixel counts less: about the noise and texture error of a render.
 _LOSS_SCALE = 0.03
-# Pixels of a view that is solved alone: more would hardly change its pose.
-_PIXELS = 20_000
 # Pixels of a view if all views are solved together for the lens they share.
 _PIXELS_JOINT = 4_000
 # Steps of the solver in a sweep during training, which moves the scene again anyway.
@@ -241,7 +240,7 @@ class TrainingRefiner:
             seen &= ~moving
         if self.options.refine_lens:
             seen &= select_inner_pixels(camera)
-        count = (_PIXELS_JOINT if self.options.refine_lens else _PIXELS) // 2
+        count = (_PIXELS_JOINT if self.options.refine_lens else COMPARED_PIXELS) // 2
         chosen = choose_pixels(seen, count, (self.options.seed, step, index))
         colors = level.scene.image(index).reshape(-1, 3)[chosen].astype(np.float32)
         view = level.scene.views[index]

@@ -18,8 +18,7 @@ _LARGEST_LENGTH = 1e12
 # has the rounding error of its length.
 _LONGEST_NEEDLE = 1e5
 # Least and largest norm of a quaternion, whose reciprocal float32 must hold.
-_LEAST_NORM = 1e-35
-_LARGEST_NORM = 3e37
+_NORMS = (1e-35, 3e37)
 # Words that `sum_bits` adds up at once: odd, so that it notices when all signs turn.
 _WORDS_OF_A_SUM = 1023
 
@@ -78,13 +77,13 @@ def warn_of_undrawn(gaussians: Gaussians) -> None:
         beyond = (g.log_scales.min(axis=1) < low) | (g.log_scales.max(axis=1) > high)
         beyond |= np.abs(g.means).max(axis=1) > _LARGEST_LENGTH
         norms = np.linalg.norm(g.quats.astype(np.float64), axis=1)
-        turned = (norms > 0) & ((norms < _LEAST_NORM) | (norms > _LARGEST_NORM))
+        turned = (norms > 0) & ((norms < _NORMS[0]) | (norms > _NORMS[1]))
         thin = _measure_needles(g.log_scales) > np.log(_LONGEST_NEEDLE)
     causes = {
         "have a parameter that is not finite and are not drawn": ~finite,
         f"have a scale or coordinate outside {_LEAST_LENGTH:g} to {_LARGEST_LENGTH:g}, where "
         'float32 may miss them; rescale the scene or give dtype="float64"': finite & beyond,
-        f"have a quaternion of a norm outside {_LEAST_NORM:g} to {_LARGEST_NORM:g}, where float32 "
+        f"have a quaternion of a norm outside {_NORMS[0]:g} to {_NORMS[1]:g}, where float32 "
         "may turn them wrongly; normalise it": finite & turned,
         f"are more than {_LONGEST_NEEDLE:g} times as long as wide, where float32 places them less "
         'exactly; shorten them or give dtype="float64"': finite & thin,

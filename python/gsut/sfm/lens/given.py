@@ -13,6 +13,7 @@ from gsut.judge.checks import FOCAL_LIMIT
 from gsut.lens import Camera, find_focal_params, has_focal_length
 from gsut.sfm.lens.covariance import estimate_lens_sigmas
 from gsut.sfm.lens.prior import find_focal
+from gsut.sfm.lens.search import FIRST_IMAGES
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import PairMatches, choose_connected_pairs, keep_most_distinct
 from gsut.sfm.solution import (
@@ -23,8 +24,6 @@ from gsut.sfm.solution import (
     adjust_registered,
     compare_solutions,
 )
-
-_IMAGES = 14  # best connected with each other, which know a focal length to a percent
 
 
 def check_given_lens(mapping: Mapping) -> Mapping:
@@ -43,7 +42,7 @@ def check_given_lens(mapping: Mapping) -> Mapping:
     focal = find_focal_params(lens)
     flags[focal] = LensFlag.TIED
     posed = [p for p in mapping.pairs if solution.registered[[p.first, p.second]].all()]
-    pairs = keep_most_distinct(choose_connected_pairs(posed, _IMAGES))
+    pairs = keep_most_distinct(choose_connected_pairs(posed, FIRST_IMAGES))
     try:
         free = _adjust(mapping, pairs, flags)
         (known,) = estimate_lens_sigmas(free, flags)

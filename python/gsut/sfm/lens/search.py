@@ -29,7 +29,7 @@ START = np.array([*_FOCAL, LensFlag.FREE, 0, 0, 0], np.uint8)
 # Estimated of all images: of a perspective lens k1 and k2, of a fisheye k1 to k4.
 _PERSPECTIVE = np.array([*_FOCAL, *[LensFlag.FREE] * 2, 0, 0], np.uint8)
 _FISHEYE = np.array([*_FOCAL, *[LensFlag.FREE] * 4], np.uint8)
-_FIRST_IMAGES = 14  # best connected with each other, on which the first lenses are compared
+FIRST_IMAGES = 14  # best connected with each other, on which the first lenses are compared
 _MOST_FIRST = 3  # lenses of the ranking that are reconstructed with
 _NEAR_BEST = 0.96  # share of the best lens' score that such a lens must have
 _SAME_FOCAL = 0.12  # difference of the logarithms of focal lengths that are not both tried
@@ -106,7 +106,7 @@ def _solve_first_images(
     trials: _Trials, pairs: Sequence[PairMatches], ranked: Sequence[RankedLens]
 ) -> Solution:
     """Reconstructs a few images with the lenses ranked first; returns the best solution."""
-    few = choose_connected_pairs(pairs, _FIRST_IMAGES)
+    few = choose_connected_pairs(pairs, FIRST_IMAGES)
     wanted = {(pair.first, pair.second) for pair in few}
     found: list[Solution] = []
     tried: list[float] = []

@@ -17,7 +17,7 @@ _COLUMNS = ("name", "use", "x", "y", "z", "sigma", "picture", "u", "v")
 USES = ("control", "check")
 FEWEST_CONTROL = 3  # points off a line: they fix a similarity
 FEWEST_VIEWS = 2  # photographs of a point
-_ON_A_LINE = 1e-3  # second over first extent of control points that leave a turn open
+ON_A_LINE = 1e-3  # second over first extent of control points that leave a turn open
 
 
 @dataclasses.dataclass(frozen=True)
@@ -158,4 +158,4 @@ def find_control(path: str, names: Sequence[str]) -> list[Sighted]:
 def are_on_line(places: np.ndarray) -> bool:
     """Returns whether points (N, 3) leave open a turn about a line."""
     extents = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
-    return not extents[1] > _ON_A_LINE * extents[0]
+    return not extents[1] > ON_A_LINE * extents[0]

@@ -22,6 +22,7 @@ from gsut.data.images import decode_image
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.photographs import DESCRIPTOR_LENGTH, Features
 from gsut.sfm.solution import Solution
+from gsut.sfm.world.control_file import FEWEST_VIEWS
 from gsut.sfm.world.earth import Earth, find_stated_up, move_to_earth
 
 CORNERS = 4
@@ -31,7 +32,6 @@ _DICTIONARIES = (
     *("DICT_6X6_250", "DICT_5X5_250", "DICT_ARUCO_ORIGINAL", "DICT_4X4_250"),
 )
 _SAMPLES = 12  # photographs in which all dictionaries are sought
-_FEWEST_VIEWS = 2  # photographs of a marker that counts
 _EDGES = np.array([(0, 1), (1, 2), (2, 3), (3, 0), (0, 2), (1, 3)])  # two of them are diagonals
 _LENGTHS = np.array([1.0, 1.0, 1.0, 1.0, np.sqrt(2.0), np.sqrt(2.0)])  # in edges
 # Spread of a marker's lengths over their mean above which it is no square.
@@ -296,7 +296,7 @@ def refine_corners(grey: np.ndarray, corners: np.ndarray) -> np.ndarray:
 def _list_shared(seen: Sequence[Seen]) -> np.ndarray:
     """Lists the markers that several photographs show."""
     different, counts = np.unique(np.concatenate([ids for ids, _ in seen]), return_counts=True)
-    return different[counts >= _FEWEST_VIEWS]
+    return different[counts >= FEWEST_VIEWS]
 
 
 def _prepend(features: Features, ids: np.ndarray, corners: np.ndarray) -> Features:

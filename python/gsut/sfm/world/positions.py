@@ -14,6 +14,7 @@ from gsut._core import InputError
 from gsut.data.poses import find_centers
 from gsut.files import read_text, register_reader
 from gsut.sfm.solution import similarity_from_points
+from gsut.sfm.world.control_file import ON_A_LINE
 
 _GEODETIC = ("latitude", "longitude", "altitude")  # columns in degrees and metres
 _METRIC = ("x", "y", "z")  # columns in metres
@@ -22,7 +23,6 @@ _ECCENTRICITY_2 = 6.69437999014e-3  # squared, of WGS 84
 # From east, north, up to the axes of a scene: x right, y down, z ahead.
 SCENE_FROM_EAST_NORTH_UP = np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]])
 _FEWEST_PREDICTED = 5  # positions: a similarity fits three, and nearly four, whatever they are
-_ON_A_LINE = 1e-3  # second over first spread of cameras on a line, which leave up open
 
 
 @dataclasses.dataclass(frozen=True)
@@ -119,7 +119,7 @@ def fit_positions(
     places = np.stack([place for _, place in pairs]) @ SCENE_FROM_EAST_NORTH_UP.T
     for points in (centers, places):
         spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-        if not spread[1] > _ON_A_LINE * spread[0]:
+        if not spread[1] > ON_A_LINE * spread[0]:
             raise InputError(f"{source}: the photographs lie on a line, which leaves up open")
     scale, rotation, translation = similarity_from_points(centers, places)
     rms = _find_rms(scale * centers @ rotation.T + translation - places)
