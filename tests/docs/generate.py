@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 import gsut
-from api_pages import API_PAGES, NOTE, make_index
+from api_index import NOTE, make_index
 from gsut.cli import build_parser
 from gsut.cli import main as gsut_main
 from lens_examples import find_widest_example, measure_seen_angle
@@ -154,13 +154,12 @@ def cli_page() -> str:
     )
 
 
-# Pages that the repository holds; those of API_PAGES are made for a release.
 PAGES = {"lenses.md": lenses_page, "cli.md": cli_page, "api.md": make_index}
 
 
 def page(name: str) -> str:
     """The text of a generated page."""
-    return re.sub(r"\n{3,}", "\n\n", (PAGES | API_PAGES)[name]()).rstrip() + "\n"
+    return re.sub(r"\n{3,}", "\n\n", PAGES[name]()).rstrip() + "\n"
 
 
 def write_demo_page() -> None:
@@ -174,10 +173,8 @@ def write_demo_page() -> None:
 
 
 def main() -> None:
-    for name in PAGES | API_PAGES:
-        path = ROOT / "docs" / name
-        path.parent.mkdir(exist_ok=True)
-        path.write_text(page(name), encoding="utf-8")
+    for name in PAGES:
+        (ROOT / "docs" / name).write_text(page(name), encoding="utf-8")
     readme = ROOT / "README.md"
     readme.write_text(write_readme(readme.read_text(encoding="utf-8")), encoding="utf-8")
     write_demo_page()

@@ -16,7 +16,6 @@ import pytest
 
 import gsut
 import tolerances
-from api_pages import API_PAGES, find_tasks
 from demo_hall import write_hall
 from generate import PAGES, ROOT, page
 from gsut.cli import build_parser, list_commands, main
@@ -104,14 +103,6 @@ def test_example_of_a_task_runs(path, data, monkeypatch):
     monkeypatch.chdir(data)
     with contextlib.redirect_stdout(io.StringIO()):
         exec(compile(text, str(path), "exec"), {"__name__": "__main__"})
-
-
-@pytest.mark.parametrize("name", API_PAGES)
-def test_page_of_the_api_names_all_of_its_task(name):
-    (task,) = (task for task in find_tasks() if name == f"api/{task.slug}.md")
-    text = page(name)
-    assert text.count("\n## ") >= len(task.names) > 0
-    assert [each for _, each in task.names if f"## {each}\n" not in text] == []
 
 
 def test_readme_has_the_figures_of_the_tables():
