@@ -1,4 +1,4 @@
-// Tests gsut/base: parallel loops, random numbers, instruction sets.
+// Tests gsut/base: parallel loops, random numbers; wrong arguments: sfm_wrong_arguments_test.
 #include <gtest/gtest.h>
 
 #include <atomic>
@@ -8,9 +8,7 @@
 #include <thread>
 #include <vector>
 
-#include "gsut/base/errors.h"
 #include "gsut/base/interrupt.h"
-#include "gsut/base/isa.h"
 #include "gsut/base/parallel.h"
 #include "gsut/base/rng.h"
 
@@ -44,8 +42,6 @@ TEST(ParallelForTest, SumHasSameBitsOnAnyThreadCount) {
   EXPECT_EQ(sums[0], sums[1]);
   EXPECT_EQ(sums[0], sums[2]);
 }
-
-TEST(ParallelForTest, NegativeThreadsRaise) { EXPECT_THROW(SetNumThreads(-1), InputError); }
 
 TEST(ParallelForTest, InterruptEndsALongLoopWithItsReason) {
   for (const int threads : {1, 3}) {
@@ -113,18 +109,6 @@ TEST(RngTest, MomentsOfUniformAndNormal) {
   EXPECT_NEAR(sum / kCount, 0.5, 0.003);
   EXPECT_NEAR(normal / (2 * kCount), 0.0, 0.006);
   EXPECT_NEAR(square / (2 * kCount), 1.0, 0.01);
-}
-
-TEST(IsaTest, ForcingAnUnknownNameRaises) {
-  EXPECT_THROW(SetIsa("avx1024"), InputError);
-  int forced = 0;
-  for (const std::string& name : AvailableIsas()) {
-    SetIsa(name);
-    EXPECT_EQ(ActiveIsa(), name);
-    ++forced;
-  }
-  EXPECT_GE(forced, 1);
-  SetIsa("");
 }
 
 }  // namespace

@@ -1,4 +1,4 @@
-// Tests gsut/cameras: roots, domains, inverses, kernels, rays.
+// Tests gsut/cameras: roots, domains, inverses, kernels.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -9,7 +9,6 @@
 
 #include "gsut/base/aligned_vector.h"
 #include "gsut/base/isa.h"
-#include "gsut/base/parallel.h"
 #include "gsut/cameras/camera.h"
 #include "gsut/cameras/lens_kernels.h"
 #include "gsut/cameras/plane_map.h"
@@ -204,27 +203,6 @@ TEST(LensKernelTest, FloatMatchesDoubleOnEveryLensAndInstructionSet) {
   EXPECT_LT(worst, kFloatPixelTolerance);
   EXPECT_LT(worst_axis, kFloatAxisTolerance);
   std::printf("float: %.1e px, %.1e of the offset near the axis\n", worst, worst_axis);
-}
-
-TEST(CameraTest, RaysHaveSameBitsOnAnyThreadCount) {
-  const auto make = [] {
-    return Camera("opencv5", {60, 61, 40, 30, -0.3, 0.1, 0.001, -0.002, -0.014}, 80, 60);
-  };
-  SetNumThreads(1);
-  const Camera reference = make();
-  const RayTable& expected = reference.Rays();
-  EXPECT_GT(std::count(expected.valid.begin(), expected.valid.end(), 1), 1000);
-  for (const int threads : {2, 8}) {
-    SetNumThreads(threads);
-    const Camera camera = make();
-    EXPECT_EQ(camera.Rays().valid, expected.valid);
-    int same = 0;
-    for (std::size_t i = 0; i < expected.rays.size(); ++i) {
-      same += expected.valid[i / 3] == 0 || camera.Rays().rays[i] == expected.rays[i];
-    }
-    EXPECT_EQ(same, static_cast<int>(expected.rays.size()));
-  }
-  SetNumThreads(0);
 }
 
 }  // namespace

@@ -27,54 +27,6 @@ constexpr double kRayError = 1e-6;
 constexpr double kFlip = 1e-4;
 constexpr double kFlipsAValue = 1e-3;
 constexpr double kGradientError = 2e-4;  // relative, of means; as RENDER_GRADIENT
-TEST(RendererTest, WrongArgumentsRaiseInputError) {
-  const Camera camera("pinhole", {8, 8, 8, 8}, 16, 16);
-  OwnedGaussians<float> arrays(2);
-  const GaussiansView<const float> whole = arrays.View();
-  std::vector<float> image(3 * 16 * 16);
-  std::uint8_t valid = 0, touched[2] = {};
-  double number = 0.0;
-  Splats splats;
-  Renderer renderer;
-  const auto render = [&](const GaussiansView<const float>& gaussians, float* to, int channels) {
-    RenderJob job = {camera, CameraMotion(Pose{})};
-    job.image = to;
-    job.channels.count = channels;
-    renderer.Render(gaussians, job);
-  };
-  GaussiansView<const float> missing = whole, negative = whole, harmonics = whole;
-  missing.quats = nullptr;
-  negative.size = -1;
-  harmonics.sh_coefficients = 5;
-  for (const auto& wrong : {missing, negative, harmonics}) {
-    EXPECT_THROW(render(wrong, image.data(), 0), InputError);
-    EXPECT_THROW(Project(wrong, camera, {}, {}, {}, &splats), InputError);
-  }
-  EXPECT_THROW(render(whole, nullptr, 0), InputError);
-  EXPECT_THROW(render(whole, image.data(), 2), InputError);
-  EXPECT_THROW(render(whole, image.data(), -1), InputError);
-  EXPECT_THROW(Project(whole, camera, {}, {}, {}, nullptr), InputError);
-  GaussiansView<const double> in_double;
-  in_double.size = 2;
-  EXPECT_THROW(ProjectReference(in_double, camera, {}, {}, nullptr, nullptr, nullptr), InputError);
-  EXPECT_THROW(renderer.AddFisher(nullptr, &number), InputError);  // before a render
-  render(whole, image.data(), 0);
-  EXPECT_THROW(renderer.AddFisher(nullptr, nullptr), InputError);
-  EXPECT_THROW(renderer.AddSupport(nullptr, nullptr, &number), InputError);
-  EXPECT_THROW(renderer.AddSignificance(nullptr, &number, nullptr, nullptr), InputError);
-  EXPECT_THROW(renderer.AddFeatures(image.data(), -1, image.data()), InputError);
-  EXPECT_THROW(renderer.Rays(nullptr, image.data()), InputError);
-  EXPECT_THROW(renderer.Jacobian(std::vector<std::uint32_t>(2), nullptr, &number), InputError);
-  const ImageGradients no_image = {nullptr};
-  const GradientRows rows = {arrays.MutableView(), touched};
-  EXPECT_THROW(renderer.Backward(no_image, rows, nullptr), InputError);
-  EXPECT_THROW(camera.Project(1, nullptr, &number, &valid), InputError);
-  EXPECT_THROW(camera.Unproject(-1, &number, &number, &valid), InputError);
-  const int beyond[] = {4};
-  double point[3] = {0, 0, 1}, pixel[2];
-  EXPECT_THROW(camera.ProjectJacobian(1, point, pixel, &valid, nullptr, pixel, beyond), InputError);
-}
-
 // Image and gradients of one view against the double reference; pixels on a discontinuity of the
 // rule, where float may choose otherwise, are counted and left out of the loss.
 void ExpectReference(const NamedCamera& lens, const OwnedGaussians<float>& g,

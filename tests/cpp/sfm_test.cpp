@@ -349,12 +349,6 @@ TEST(AdjustBundle, ScaleImageKeepsItsHeldComponent) {
   EXPECT_TRUE(bundle.camera_from_world[0].Matrix().isApprox(truth.camera_from_world[0].Matrix()));
 }
 
-TEST(AdjustBundle, RefusesIndicesThatAreNotThere) {
-  Bundle bundle = MakeBundle(WideLens(), 3, 20, 16);
-  bundle.observations[0].point = 20;
-  EXPECT_THROW(AdjustBundle(&bundle, {}), InputError);
-}
-
 TEST(PoseCovariances, PredictTheSpreadOfEstimates) {
   const Bundle truth = MakeBundle(WideLens(), 4, 60, 17);
   BundleOptions options;

@@ -1,10 +1,12 @@
 // Wrong arguments of public functions raise InputError and never a signal.
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <cstdint>
 #include <functional>
 #include <span>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "gsut/base/errors.h"
@@ -66,6 +68,10 @@ std::vector<WrongCall> ListWrongCalls() {
   static std::int64_t found[2] = {};
   static GaussianArrays gaussians(2, 1);
   const auto view = [] { return gaussians.View().AsConst(); };
+  const auto adam = [](int active, std::vector<double> rates) {
+    static float value = 0;
+    return AdamGroup{&value, &value, &value, &value, 1, active, std::move(rates)};
+  };
   return {
       {"threads below 0", [] { SetNumThreads(-5); }},
       {"unknown instruction set", [] { SetIsa("none"); }},
@@ -79,6 +85,12 @@ std::vector<WrongCall> ListWrongCalls() {
       {"bundle without images",
        [] {
          Bundle bundle = BundleWithoutImages();
+         AdjustBundle(&bundle, {});
+       }},
+      {"bundle's point beyond",
+       [] {
+         Bundle bundle = MakeBundle(WideLens(), 3, 20, 16);
+         bundle.observations[0].point = 20;
          AdjustBundle(&bundle, {});
        }},
       {"covariances without images", [] { PoseCovariances(BundleWithoutImages(), {}); }},
@@ -110,6 +122,16 @@ std::vector<WrongCall> ListWrongCalls() {
        }},
       {"bins below 0", [] { SumLight(target, grey.data(), nullptr, -1, nullptr); }},
       {"step 0", [] { AdamStep({}, 1, 0, nullptr); }},
+      {"beta 1",
+       [] {
+         AdamStep({}, 1, 1, nullptr, {1.0, 0.999, 1e-15});
+       }},
+      {"columns beyond", [adam] { AdamStep({adam(2, {1e-2})}, 1, 1, nullptr); }},
+      {"two rates",
+       [adam] {
+         AdamStep({adam(1, {1e-2, 1e-2})}, 1, 1, nullptr);
+       }},
+      {"rate of NaN", [adam] { AdamStep({adam(1, {NAN})}, 1, 1, nullptr); }},
       {"merged rows beyond", [view] { MergePairs(view(), beyond, nullptr, 1, {}); }},
       {"herded rows beyond", [view] { HerdPaper(view(), beyond, {}); }},
       {"Gaussians null", [] { HerdPaper({.size = 2, .sh_coefficients = 1}, {0}, {}); }},
@@ -185,6 +207,12 @@ std::vector<WrongCall> ListWrongRenders() {
   return {
       {"Gaussians null", [] { p.renderer.Render({.size = 2}, p.Job()); }},
       {"Gaussians below 0", [] { p.renderer.Render({.size = -2}, p.Job()); }},
+      {"harmonics of 5",
+       [] {
+         GaussiansView<const float> view = p.gaussians.View();
+         view.sh_coefficients = 5;
+         p.renderer.Render(view, p.Job());
+       }},
       {"image null", [] { p.RenderWith([](RenderJob* job) { job->image = nullptr; }); }},
       {"degree below 0",
        [] { p.RenderWith([](RenderJob* job) { job->settings.sh_degree = -1; }); }},
@@ -252,11 +280,23 @@ std::vector<WrongCall> ListWrongRenders() {
       {"surroundings of no image",
        [] { ComputeSurroundings(0, kSide, p.floats, p.floats, p.touched.data(), p.floats); }},
       {"splats null", [] { Project(p.gaussians.View(), p.camera, Pose(), {}, {}, nullptr); }},
+      {"projected Gaussians null",
+       [] {
+         Splats splats;
+         Project({.size = 2}, p.camera, Pose(), {}, {}, &splats);
+       }},
+      {"exact splats null",
+       [] { ProjectReference(p.exact.View(), p.camera, {}, {}, nullptr, nullptr, nullptr); }},
       {"moving means null",
        [] {
          ProjectMoving(p.exact.View(), p.camera, Pose(), {}, nullptr, nullptr, nullptr, nullptr);
        }},
       {"points null", [] { p.camera.Project(2, nullptr, nullptr, nullptr); }},
+      {"column beyond",
+       [] {
+         p.camera.ProjectJacobian(1, p.numbers, p.numbers, p.touched.data(), nullptr, p.numbers,
+                                  beyond);
+       }},
       {"pixels below 0", [] { p.camera.Unproject(-2, p.numbers, p.numbers, p.touched.data()); }},
   };
 }

@@ -201,11 +201,12 @@ def test_project_on_any_number_of_threads_has_same_bits():
     for threads in (1, 2, 8):
         set_num_threads(threads)
         pixels, _ = camera.project(points)
-        results.append((pixels, camera.unproject(pixels)[0]))
+        table = camera.resize(80, 60).rays()[0]
+        results.append((pixels, camera.unproject(pixels)[0], table))
     assert len(results) == 3
-    for pixels, rays in results[1:]:
-        np.testing.assert_array_equal(pixels, results[0][0])
-        np.testing.assert_array_equal(rays, results[0][1])
+    for result in results[1:]:
+        for found, first in zip(result, results[0], strict=True):
+            np.testing.assert_array_equal(found, first)
 
 
 @each_lens
