@@ -8,14 +8,15 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from reader_examples import EXAMPLES
-from wrong_files import find_fault, list_contents
+from wrong_files import find_fault, list_contents, list_pieces
 
 
 @functools.cache
 def _list_files(name: str) -> tuple[bytes, ...]:
     with tempfile.TemporaryDirectory() as folder:
         file, _ = EXAMPLES[name](Path(folder))
-        return tuple(list_contents(file, file.read_bytes()))
+        content = file.read_bytes()
+        return (*list_contents(file, content), *list_pieces(content))
 
 
 def list_reader_cases() -> Iterator[tuple[str, str]]:

@@ -153,6 +153,12 @@ def write_sensors(file: Path) -> None:
     small_films.make_film(file, b"gpmd", [device] * 3)
 
 
+def read_sensors(file: Path) -> None:
+    facts = read_film_facts(file)
+    assert np.isfinite(facts.track).all() and np.isfinite(facts.forces).all()
+    assert facts.rotation in (0, 90, 180, 270)
+
+
 def write_subtitles(file: Path) -> None:
     write_sensors(file.with_suffix(".mp4"))
     cues = (
@@ -309,7 +315,7 @@ EXAMPLES: dict[str, Make] = {
     # More files of these readers.
     **{
         name: write_by(name, lambda file: gsut.save_camera(LENS, file), gsut.load_camera)
-        for name in ("camchain.yaml", "cameras.txt", "gsut.lens.json", "opencv.json",
+        for name in ("camchain.yaml", "cameras.bin", "cameras.txt", "gsut.lens.json", "opencv.json",
                      "transforms.json")
     },
     "lens.cameramodel": write_by(
@@ -329,7 +335,7 @@ EXAMPLES: dict[str, Make] = {
     "EuRoC data.csv": write_data(small_recordings.write_euroc, "data.csv"),
     "EuRoC sensor.yaml": write_data(small_recordings.write_euroc, "sensor.yaml"),
     "weights of learned features": write_by("a.pt", write_tensors, read_tensors),
-    # Of binary files, which tests/python/malformed.py damages, too.
+    # Of binary files.
     **{
         name: write_by(file, write_scene, read_scene)
         for name, file in (
@@ -374,7 +380,7 @@ EXAMPLES: dict[str, Make] = {
             file.parent, {"turns": {"path": file.name, "records": [{"source": "gyroscope"}]}}
         ),
     ),
-    "sensors of a film": write_by("sensors.mp4", write_sensors, read_film_facts),
+    "sensors of a film": write_by("sensors.mp4", write_sensors, read_sensors),
     "subtitles": write_by(
         "a.srt", write_subtitles, lambda file: read_film_facts(file.with_suffix(".mp4"))
     ),

@@ -1,6 +1,7 @@
 """Every registered reader takes or refuses every kind of wrong file, in one sentence."""
 
 import gzip
+import itertools
 import os
 import zipfile
 
@@ -12,7 +13,7 @@ import gsut
 from gsut import InputError
 from gsut.files import Array, list_readers, open_archive, read_npy, read_npz, unpack_gzip
 from reader_examples import EXAMPLES, WITHOUT, import_all
-from wrong_files import HUGE, find_fault, list_contents, pack
+from wrong_files import HUGE, find_fault, list_contents, list_headers, list_pieces, pack
 
 MOST_FILES = 60  # wrong files of a reader, about
 POISON = "/dev/zero"  # a device that never ends
@@ -30,13 +31,31 @@ def test_every_reader_has_an_example():
 def test_wrong_file_of_any_kind_is_read_or_refused_in_a_sentence(name, tmp_path):
     file, read = EXAMPLES[name](tmp_path)
     read()
-    contents, faults = list(list_contents(file, file.read_bytes())), []
+    whole = file.read_bytes()
+    contents, faults = list(list_contents(file, whole)), []
     assert len(contents) >= 10
-    for content in contents[:: max(1, len(contents) // MOST_FILES)]:  # lab/run attack takes all
+    contents = contents[:: max(1, len(contents) // MOST_FILES)]  # lab/run attack takes all
+    for content in itertools.chain(contents, list_pieces(whole), list_headers(whole)):
         file.write_bytes(content)
-        if fault := find_fault(read):
+        if fault := find_fault(read, str(file.parent)):
             faults.append(f"{content[:200]!r}: {fault}")
     assert faults == []
+
+
+# Of these a part is never read as a smaller file.
+WHOLE = ("cameras.bin", "checkpoint", "COLMAP cameras.bin", "COLMAP images.bin", "compressed PLY",
+         "COLMAP points3D.bin", "confidence", "glTF of Gaussians", "laser scan", "mesh PLY",
+         "PLY of Gaussians", "SOG", "SPZ", "what was lifted", *({"USD"} - WITHOUT))  # fmt: skip
+
+
+@pytest.mark.parametrize("name", WHOLE)
+def test_file_that_is_cut_off_is_refused(name, tmp_path):
+    file, read = EXAMPLES[name](tmp_path)
+    whole = file.read_bytes()
+    for length in np.linspace(0, len(whole) - 1, 40).astype(int):
+        file.write_bytes(whole[:length])
+        with pytest.raises(InputError, match=file.name):
+            read()
 
 
 @pytest.mark.parametrize("name", EXAMPLES)

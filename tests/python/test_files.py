@@ -26,7 +26,6 @@ from gsut.files import (
     write_picture,
 )
 from gsut.output_folder import claim_folder
-from gsut.run import RunFolder
 from gsut.sfm.photographs.stages import Stages
 
 
@@ -149,13 +148,6 @@ def test_stage_file_that_a_power_cut_left_empty_counts_as_absent(name, tmp_path)
     stages.save("features", {"a": np.arange(3)})
     (stages.folder / name).write_bytes(b"")
     assert Stages(tmp_path, {"k": 1}).load("features") is None
-
-
-@pytest.mark.parametrize("values", [{}, {"steps": 3}, [], None, {"psnr": "high"}])
-def test_metrics_of_a_run_without_a_figure_are_refused(values, tmp_path):
-    write_json(tmp_path / "metrics.json", values)
-    with pytest.raises(InputError, match=r"metrics\.json: cannot be understood .*damaged"):
-        RunFolder(tmp_path).read_json("metrics.json")
 
 
 def test_equirectangular_camera_of_a_picture_that_is_no_panorama_is_refused():

@@ -5,7 +5,6 @@ import json
 import numpy as np
 import pytest
 
-import gsut
 from gsut.blocks.layout import Layout, cut_scene
 from tolerances.blocks import MOST_OF_A_SHARE
 
@@ -40,14 +39,3 @@ def test_layout_is_read_back_as_written(rng, tmp_path):
     file = tmp_path / "layout.json"
     file.write_text(json.dumps(layout.as_dict()))
     assert Layout.read(str(file)) == layout
-
-
-@pytest.mark.parametrize(
-    "content",
-    ["[1, 2", "[]", '{"tree": 3}', '{"tree": {"axis": 3}}'],
-)
-def test_damaged_layout_is_refused_by_its_name(tmp_path, content):
-    file = tmp_path / "layout.json"
-    file.write_text(content)
-    with pytest.raises(gsut.InputError, match=r"layout\.json.*damaged"):
-        Layout.read(str(file))

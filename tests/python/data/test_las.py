@@ -50,10 +50,3 @@ def test_laz_without_its_reader_names_the_command(tmp_path, rng, monkeypatch):
     file.write_bytes(format_las(rng.uniform(0, 1, (9, 3)), kind=0x82))
     with raises_saying(["cloud.laz", "compressed", 'pip install "gsut[lidar]"', "LAS or PLY"]):
         load_points(file)
-
-
-def test_las_that_is_cut_off_is_named(tmp_path, rng):
-    file = tmp_path / "cloud.las"
-    file.write_bytes(format_las(rng.uniform(0, 1, (9, 3)))[:-1])
-    with raises_saying(["cloud.las", "too few for its 9 points", "copy"]):
-        load_points(file)

@@ -83,15 +83,8 @@ def test_a_bag_without_poses_becomes_a_folder_of_pictures_and_a_lens(state, writ
         np.testing.assert_array_equal(pixels, small.render(made.world_from_camera(0, time)))
 
 
-def test_a_camchain_places_the_camera_where_tf_does_not(write_bag, tmp_path):
-    bag = write_bag(tmp_path / "walk", "ROS2_HUMBLE", static=False)
-    (tmp_path / "chain.yaml").write_text(made.camchain())
-    gsut.convert_dataset(bag, tmp_path / "out", parts={"lens": str(tmp_path / "chain.yaml")})
-    made.assert_pose(gsut.load_dataset(tmp_path / "out").views[0], 0, made.START)
-
-
-@pytest.mark.parametrize("state", [{"calibrated": False}, {"zooms": True}])
-def test_a_lens_file_serves_a_bag_without_one_lens(state, write_bag, tmp_path):
+@pytest.mark.parametrize("state", [{"static": False}, {"calibrated": False}, {"zooms": True}])
+def test_a_camchain_serves_a_bag_without_place_or_one_lens(state, write_bag, tmp_path):
     bag = write_bag(tmp_path / "walk", "ROS2_HUMBLE", **state)
     (tmp_path / "chain.yaml").write_text(made.camchain())
     gsut.convert_dataset(bag, tmp_path / "out", parts={"lens": str(tmp_path / "chain.yaml")})

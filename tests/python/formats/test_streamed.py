@@ -104,12 +104,3 @@ def test_damaged_table_is_refused_in_a_sentence(folder, key, value, said):
     with pytest.raises(InputError, match=said) as refused:
         gsut.load_gaussians(folder)
     assert "\n" not in str(refused.value)
-
-
-def test_table_that_names_a_gaussian_twice_is_refused(folder):
-    table = read_table(folder)
-    leaf = list_leaves(table["tree"])[0]
-    leaf["lods"]["0"]["count"] += 1
-    (folder / TABLE).write_text(json.dumps(table))
-    with pytest.raises(InputError, match="do not name each of them once"):
-        gsut.load_gaussians(folder)

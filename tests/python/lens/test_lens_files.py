@@ -284,17 +284,6 @@ def test_colmap_files_with_several_cameras_ask_for_camera_id(tmp_path):
             assert load_camera(path, camera_id=key) == Camera(model, expected, 14, 16)
 
 
-def test_colmap_binary_cut_off_anywhere_raises(tmp_path):
-    _, path = colmap_files(tmp_path)
-    data = path.read_bytes()
-    cuts = range(0, len(data), 7)
-    for size in cuts:
-        path.write_bytes(data[:size])
-        with pytest.raises(CalibrationError, match=r"cameras\.bin: the file ends at byte"):
-            load_camera(path, camera_id=10)
-    assert len(cuts) > 50
-
-
 def test_kalibr_chain_with_two_cameras_asks_for_camera_id(tmp_path):
     path = tmp_path / "camchain.yaml"
     path.write_text(

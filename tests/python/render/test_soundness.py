@@ -16,19 +16,23 @@ def make_scene(rng):
     return gaussians_in_view(rng, camera, pose, 20).to_dtype(np.float32), camera, pose
 
 
-@pytest.mark.parametrize("name", ["means", "quats", "log_scales", "opacity_logits", "sh"])
-def test_render_gaussians_that_are_not_finite_warns_with_their_number(rng, name):
-    g, camera, pose = make_scene(rng)
-    getattr(g, name)[:3] = np.nan
-    with pytest.warns(RuntimeWarning, match=r"of 20 Gaussians 3 have a parameter that is not"):
-        gsut.render(g, camera, pose)
+UNSOUND = {
+    **{name: (name, slice(3), np.nan, "3 have a parameter that is not")
+       for name in ("means", "quats", "log_scales", "opacity_logits", "sh")},
+    **{f"scale {length:g}": ("log_scales", slice(4, 6), np.log(length), "2 have a scale")
+       for length in (1e-14, 1e14, np.exp(44.0))},
+    **{f"norm {norm:g}": ("quats", 5, (norm, 0.0, 0.0, 0.0), "1 have a quaternion of a norm")
+       for norm in (1e-40, 1e38)},
+    "needles": ("log_scales", slice(5, 8), np.log((0.1, 1e-7, 1e-8)), "3 are more than .* as wide"),
+}  # fmt: skip
 
 
-@pytest.mark.parametrize("length", [1e-14, 1e14, np.exp(44.0)])
-def test_render_scales_beyond_float_warns_with_their_number(rng, length):
+@pytest.mark.parametrize("name", UNSOUND)
+def test_render_gaussians_that_cannot_be_drawn_warns_with_their_number(rng, name):
     g, camera, pose = make_scene(rng)
-    g.log_scales[4:6] = np.log(length)
-    with pytest.warns(RuntimeWarning, match=r"of 20 Gaussians 2 have a scale"):
+    array, rows, value, said = UNSOUND[name]
+    getattr(g, array)[rows] = value
+    with pytest.warns(RuntimeWarning, match=f"of 20 Gaussians {said}"):
         gsut.render(g, camera, pose)
 
 
@@ -44,21 +48,6 @@ def test_render_scene_in_large_or_small_units_follows_the_reference():
         exact = gsut.render(g, camera, pose, dtype="float64").image
         assert exact.max() > 0.5
         assert np.sqrt(np.mean((image - exact) ** 2)) < tol.RENDER_IMAGE_RMS
-
-
-@pytest.mark.parametrize("norm", [1e-40, 1e38])
-def test_render_quaternions_beyond_float_warns_with_their_number(rng, norm):
-    g, camera, pose = make_scene(rng)
-    g.quats[5] = (norm, 0.0, 0.0, 0.0)
-    with pytest.warns(RuntimeWarning, match=r"of 20 Gaussians 1 have a quaternion of a norm"):
-        gsut.render(g, camera, pose)
-
-
-def test_render_needles_longer_than_float_follows_warns_with_their_number(rng):
-    g, camera, pose = make_scene(rng)
-    g.log_scales[5:8] = np.log((0.1, 1e-7, 1e-8))
-    with pytest.warns(RuntimeWarning, match=r"of 20 Gaussians 3 are more than .* long as wide"):
-        gsut.render(g, camera, pose)
 
 
 def test_render_thin_discs_and_needles_within_the_bound_says_nothing(rng):

@@ -97,8 +97,3 @@ def test_wrong_positions_are_refused(poses, tmp_path, monkeypatch, text, said):
     (tmp_path / "p.csv").write_text(text)
     with pytest.raises(InputError, match=said):
         fit_positions(poses, read_positions("p.csv"), "p.csv")
-
-
-def test_absent_positions_are_refused(tmp_path):
-    with pytest.raises(InputError, match="cannot be opened"):
-        read_positions(tmp_path / "none.csv")

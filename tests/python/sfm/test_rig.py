@@ -335,20 +335,23 @@ def test_find_rig_photographs_pairs_by_name_in_order_of_frames(rig_folder):
     assert [mask is not None for mask in found.masks] == [True, False, True, False]
 
 
-def test_find_rig_photographs_pairs_names_that_hold_the_cameras_name(rig_folder):
+@pytest.mark.parametrize(
+    ("names", "frames", "by"),
+    [
+        (["left/left1.png", "left/left2.png", "right/right2.png"], [0, 1, 1], "name"),
+        (
+            ["left/a9.png", "right/b107.png", "left/a10.png", "right/b108.png"],
+            [0, 0, 1, 1],
+            "order",
+        ),
+    ],
+)
+def test_find_rig_photographs_pairs_other_names_by_their_ends_or_in_order(
+    rig_folder, names, frames, by
+):
     folder, make = rig_folder
-    images = make("left/left1.png", "left/left2.png", "right/right2.png")
-    found = find_rig_photographs(images, read_rig(folder / "rig.json"))
-    assert found.frames.tolist() == [0, 1, 1]
-    assert found.paired_by == "name"
-
-
-def test_find_rig_photographs_pairs_in_order_where_names_differ(rig_folder):
-    folder, make = rig_folder
-    images = make("left/a9.png", "left/a10.png", "right/b107.png", "right/b108.png")
-    found = find_rig_photographs(images, read_rig(folder / "rig.json"))
-    assert found.names == ["left/a9.png", "right/b107.png", "left/a10.png", "right/b108.png"]
-    assert found.paired_by == "order"
+    found = find_rig_photographs(make(*names), read_rig(folder / "rig.json"))
+    assert (found.names, found.frames.tolist(), found.paired_by) == (names, frames, by)
 
 
 @pytest.mark.parametrize(
@@ -399,14 +402,6 @@ def edited(folder, edit):
 def test_read_rig_refuses_what_is_no_rig(rig_folder, edit, message):
     with pytest.raises(gsut.InputError, match=message):
         read_rig(edited(rig_folder[0], edit))
-
-
-def test_read_rig_refuses_a_file_that_is_absent_or_no_json(tmp_path):
-    with pytest.raises(gsut.InputError, match="cannot be opened"):
-        read_rig(tmp_path / "none.json")
-    (tmp_path / "rig.json").write_text('{"cameras": ')
-    with pytest.raises(gsut.InputError, match="not valid JSON at line 1"):
-        read_rig(tmp_path / "rig.json")
 
 
 def test_write_rig_is_read_again(rig_folder):
