@@ -9,6 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gsut._core import InputError
+from gsut.bounds import FARTHEST
 from gsut.gaussians import Gaussians
 
 # The comment that says where a PLY file's zero lies in the world; without it, at the world's zero.
@@ -65,7 +66,7 @@ def parse_origin(comments: Sequence[str], path: str | os.PathLike[str]) -> np.nd
             origin = np.array([float(word) for word in found.groups()] if found else [])
         except ValueError:
             origin = np.zeros(0)
-        if len(origin) != 3 or not np.isfinite(origin).all():
+        if len(origin) != 3 or not (np.abs(origin) <= FARTHEST).all():
             raise InputError(
                 f'{os.fspath(path)}: the comment "{comment}" must end in three numbers: where the '
                 "file's zero lies in the dataset's coordinates"

@@ -12,7 +12,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.bounds import name_wrong_kinds
+from gsut.bounds import FARTHEST, name_wrong_kinds
 from gsut.files import create_file, open_binary, register_reader
 from gsut.formats._format import (
     ELSEWHERE,
@@ -87,7 +87,10 @@ def load_ply(path: str | os.PathLike[str]) -> Gaussians:
     comments = read_comments(path)
     rule: dict[str, Any] = {kind: _parse_rule(kind, comments, path) for kind in _RULE_KEYS}
     gaussians = Gaussians(*arrays, **rule)
-    gaussians = gaussians.translate(parse_origin(comments, path)).translate(origin)
+    zero = parse_origin(comments, path) + origin
+    if not (np.abs(zero) <= FARTHEST).all():
+        raise InputError(f"{os.fspath(path)}: its first Gaussian lies at {zero}; rescale the scene")
+    gaussians = gaussians.translate(zero)
     if not_finite or not gaussians.quats.any(axis=1).all():
         return keep_drawable(path, gaussians)
     _warn_of_rounding(path, gaussians)
