@@ -5,5 +5,3 @@ It uses gsut's public names and lens files only.
 
 from calib.calibrate import calibrate
 from calib.job import Job
-
-__all__ = ["Job", "calibrate"]

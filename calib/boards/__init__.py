@@ -3,15 +3,3 @@
 from calib.boards.board import Board, Photograph, assign_cameras, split_numbers
 from calib.boards.corner_files import write_board_picture, write_vnl
 from calib.boards.corners import FEWEST_BOARDS, find_boards, turn_corners
-
-__all__ = [
-    "FEWEST_BOARDS",
-    "Board",
-    "Photograph",
-    "assign_cameras",
-    "find_boards",
-    "split_numbers",
-    "turn_corners",
-    "write_board_picture",
-    "write_vnl",
-]

@@ -4,5 +4,3 @@ from calib.report.lens_files import write_lens
 from calib.report.page import write_report_page
 from calib.report.result import Result
 from calib.report.values import write_report_json
-
-__all__ = ["Result", "write_lens", "write_report_json", "write_report_page"]

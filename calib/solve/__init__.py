@@ -7,20 +7,3 @@ from calib.solve.opencv_solver import OPENCV_LENSES, solve_by_opencv
 from calib.solve.pose_fit import compute_residuals, fit_poses
 from calib.solve.rig import solve_rig, unify_turns
 from calib.solve.splined_fit import fit_splined
-
-__all__ = [
-    "COARSE_KNOTS_DEGREES",
-    "MRCAL_LENSES",
-    "OPENCV_LENSES",
-    "ask",
-    "compute_residuals",
-    "fit_poses",
-    "fit_splined",
-    "has_mrcal",
-    "require_mrcal",
-    "solve_by_mrcal",
-    "solve_by_opencv",
-    "solve_rig",
-    "solve_rig_together",
-    "unify_turns",
-]

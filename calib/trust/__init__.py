@@ -17,25 +17,3 @@ from calib.trust.second_lens import (
 )
 from calib.trust.trust import TRUSTED_SIGMA_PX, Trust, judge, trace_trusted_outline
 from calib.trust.uncertainty import UNKNOWN, map_uncertainty_if_possible, spread_pixels
-
-__all__ = [
-    "AGREEMENT_DEGREES",
-    "TRUSTED_SIGMA_PX",
-    "UNKNOWN",
-    "Halves",
-    "HeldOut",
-    "SecondLens",
-    "Trust",
-    "choose_lens",
-    "compare_lenses",
-    "cut_where_lenses_differ",
-    "find_agreement_angle",
-    "judge",
-    "map_uncertainty_if_possible",
-    "refuse_narrow_field",
-    "solve_camera",
-    "solve_halves",
-    "solve_others",
-    "spread_pixels",
-    "trace_trusted_outline",
-]

@@ -6,18 +6,3 @@ from gsut.surface.depth_map import DepthMap
 from gsut.surface.extract import MeshOptions, extract_mesh, fuse_depth, render_depth_maps
 from gsut.surface.mesh import Mesh
 from gsut.surface.mesh_files import check_mesh_name, load_mesh, save_mesh
-
-__all__ = [
-    "Cloud",
-    "DepthMap",
-    "Mesh",
-    "MeshOptions",
-    "check_mesh_name",
-    "extract_mesh",
-    "fuse_depth",
-    "judge_geometry",
-    "load_mesh",
-    "points_from_depth",
-    "render_depth_maps",
-    "save_mesh",
-]
