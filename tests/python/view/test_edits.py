@@ -7,23 +7,11 @@ import numpy as np
 import pytest
 
 import gsut
-import small_run
 from gsut.cli import main
 from gsut.view import Session
 from gsut.view.measure import find_point_in_photograph
 from gsut.view.stage import Stage
-from random_scenes import fisheye, gaussians_in_view, rng_of
 from tolerances.view import MEASURED, PICKED_POINT
-
-
-@pytest.fixture(scope="module")
-def scene(tmp_path_factory):
-    return small_run.scene_from_arrays(tmp_path_factory.mktemp("edits"))
-
-
-@pytest.fixture(scope="module")
-def gaussians(scene):
-    return gaussians_in_view(rng_of("edits"), fisheye(), scene.views[0].camera_from_world, 300)
 
 
 @pytest.fixture

@@ -20,19 +20,6 @@ from tolerances.view import MOVING_LEVELS, MOVING_SURROUNDED_LEVELS
 
 
 @pytest.fixture(scope="module")
-def scene(tmp_path_factory):
-    scene = small_run.scene_from_arrays(tmp_path_factory.mktemp("exact"))
-    views = list(scene.views)
-    views[3] = dataclasses.replace(views[3], turns=1)
-    return scene.replace(views=views)
-
-
-@pytest.fixture(scope="module")
-def gaussians(scene):
-    return gaussians_in_view(rng_of("exact"), fisheye(), scene.views[0].camera_from_world, 300)
-
-
-@pytest.fixture(scope="module")
 def window():
     with browser() as window:
         yield window

@@ -2,41 +2,24 @@
 
 import base64
 import contextlib
-import dataclasses
 
 import numpy as np
 import pytest
 
 import gsut
-import small_run
 from browser import browser
 from gsut.cli import main
 from gsut.hand_edits import apply_edits, read_edits
 from gsut.view import Session, ViewServer
 from gsut.view.stage import Stage
-from random_scenes import gaussians_in_view, rng_of
 
-COUNT = 300
+COUNT = 300  # Gaussians
 SCREENS = {"desktop": (1280, 800), "phone": (390, 844)}
 # Left, top, right, bottom of a box on the picture, shares of its width.
 BOX = np.array([0.3, 0.25, 0.6, 0.7])
 WHERE = """
   const box = $("canvas").getBoundingClientRect();
   return [box.left, box.top, box.width];"""
-
-
-@pytest.fixture(scope="module")
-def scene(tmp_path_factory):
-    scene = small_run.scene_from_arrays(tmp_path_factory.mktemp("select"))
-    views = list(scene.views)
-    views[3] = dataclasses.replace(views[3], turns=1)
-    return scene.replace(views=views)
-
-
-@pytest.fixture(scope="module")
-def gaussians(scene):
-    camera, pose = scene.cameras[0], scene.views[0].camera_from_world
-    return gaussians_in_view(rng_of("selecting"), camera, pose, COUNT)
 
 
 @contextlib.contextmanager
