@@ -28,7 +28,7 @@ from gsut.capture.strip import write_strip
 from gsut.capture.track import average_ups, interpolate_places, read_film_facts
 from gsut.capture.turns import write_turns
 from gsut.capture.video import Decode, Video
-from gsut.data import CAPTURE, read_capture
+from gsut.data import CAPTURE, list_some, read_capture
 from gsut.data.scene import capture_state, describe_changes
 from gsut.files import write_json, write_picture
 
@@ -50,8 +50,6 @@ JPEG_QUALITY = 97
 # Seconds between frames that are looked at: faster videos show nothing new. By their time stamps,
 # since the frame rate that a file names need not be that of its frames.
 _LEAST_APART = 0.0199
-# Cuts that a note lists.
-_MOST_CUTS = 3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -211,9 +209,8 @@ def _search_candidates(
 def _note_cuts(path: Path, cuts: Sequence[float]) -> list[str]:
     if not cuts:
         return []
-    places = ", ".join(f"{time:.1f} s" for time in cuts[:_MOST_CUTS])
     return [
-        f"{path.name} is cut at {places}{' ...' if len(cuts) > _MOST_CUTS else ''}: it may show "
+        f"{path.name} is cut at {list_some([f'{time:.1f} s' for time in cuts])}: it may show "
         "several places, of which the largest that connects becomes the scene; to choose one, give "
         "a film of it alone"
     ]

@@ -47,7 +47,6 @@ from gsut.orientation import ORIENTATIONS, UNMIRRORED, count_turns
 _AS_STORED = ("RGB", "RGBA", "L", "LA", "P", "I;16", "I;16B", "1", "I")
 # Most relative difference of focal lengths of one zoom setting: EXIF rounds them.
 _SAME_FOCAL = 0.03
-_MOST_LISTED = 5  # lenses in a message
 
 
 @dataclasses.dataclass(frozen=True)
@@ -302,10 +301,9 @@ def _describe_lenses(lenses: Sequence[Sequence[_Plan]]) -> list[str]:
         for values in [_describe_lens(own)]
         for width, height in [values["size"]]
     ]
-    more = f"; and {len(parts) - _MOST_LISTED} more" if len(parts) > _MOST_LISTED else ""
     return [
         f"the photographs are of {len(lenses)} cameras, zooms or shapes, each with a lens of its "
-        f"own: {'; '.join(parts[:_MOST_LISTED])}{more}"
+        f"own: {list_some(parts, '; ')}"
     ]
 
 

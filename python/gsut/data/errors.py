@@ -30,8 +30,7 @@ def raise_error(error: InputError) -> None:
     raise error
 
 
-def list_some(names: Sequence[str]) -> str:
+def list_some(names: Sequence[str], between: str = ", ") -> str:
     """Lists the first few names and counts the others."""
-    place_and_show = ", ".join(names[:NAMES_SHOWN])
-    more = len(names) - NAMES_SHOWN
-    return f"{place_and_show} and {more} more" if more > 0 else place_and_show
+    shown, more = between.join(names[:NAMES_SHOWN]), len(names) - NAMES_SHOWN
+    return f"{shown} and {more} more" if more > 0 else shown

@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import InputError
-
-_SHOWN = 60  # characters of a wrong value that a message repeats
+from gsut.bounds import show
 
 
 @dataclasses.dataclass(frozen=True)
@@ -77,11 +76,10 @@ class Fields:
         """Raises InputError if the field is there and is not the one value that gsut reads."""
         if key in self.values and self.values[key] != allowed:
             what = "gsut does not read it" if allowed is None else f"gsut reads only {allowed!r}"
-            found = repr(self.values[key])[:_SHOWN]
+            found = show(repr(self.values[key]))
             raise InputError(f"{self.path}: {self.name}.{key} is {found}; {what}")
 
     def _refuse(self, key: str, value: Any, wanted: str) -> InputError:
         place = ".".join(filter(None, (self.name, key))) or "its description"
-        shown = "missing" if value is None else repr(value)
-        shown = shown if len(shown) <= _SHOWN else shown[:_SHOWN] + "..."
+        shown = "missing" if value is None else show(repr(value))
         return InputError(f"{self.path}: damaged: {place} is {shown}, and has to be {wanted}")

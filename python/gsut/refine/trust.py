@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from gsut.data import list_some
 from gsut.lens import Camera
 from gsut.refine.motion import extrapolate, measure_pose_changes
 
@@ -21,8 +22,6 @@ from gsut.refine.motion import extrapolate, measure_pose_changes
 _SHARED = 2.5
 # Blocks of a half's checkerboard along the longer side: larger than what an error spreads over.
 _BLOCKS = 16
-# Views listed in a note, at most.
-_NAMED = 5
 # Weight below which a view is listed, because its start counts more than its colours.
 _REJECTED = 0.5
 
@@ -75,10 +74,9 @@ class Trust:
                 f"For {len(named)} of {len(names)} training views colours count less than the "
                 f"poses they had: halves of their pixels put a view off {by}."
             )
-        shown = ", ".join(named[:_NAMED]) + (" ..." if len(named) > _NAMED else "")
         return (
             f"{len(named)} of {len(names)} training views stay near the poses they had: halves of "
-            f"their pixels disagree (others are off {by}). {shown}"
+            f"their pixels disagree (others are off {by}). {list_some(named)}"
         )
 
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError, Shutter
-from gsut.data import find_lens_file, find_lens_files, read_capture, read_dataset
+from gsut.data import find_lens_file, find_lens_files, list_some, read_capture, read_dataset
 from gsut.data.images import find_common_mask, find_mask, read_header
 from gsut.data.layouts import find_images, require_pictures
 from gsut.lens import Camera, LensProfile, find_lens, find_lenses, is_lens_name, load_camera
@@ -20,7 +20,6 @@ from gsut.lens.files import camera_from_values
 from gsut.sfm.photographs.moments import read_turns
 
 FEWEST_IMAGES = 2  # that poses can be estimated from
-_KINDS_LISTED = 5  # endings of file names in a message
 # Kannala-Brandt coefficients of a perspective lens: tan(x) / x = 1 + x^2/3 + 2 x^4/15 + ...
 TANGENT = (1 / 3, 2 / 15, 17 / 315, 62 / 2835)
 _MOST_CANDIDATES = 3  # of the database: each costs a trial of the lens search
@@ -200,7 +199,7 @@ def _group_by_folder(found: Photographs) -> Photographs:
 def _describe_kinds(folder: Path) -> str:
     """Describes the files that cannot be read as pictures, such as HEIC beside a given lens."""
     kinds = {path.suffix.lower() for path in folder.rglob("*") if path.is_file()} - {""}
-    listed = ", ".join(sorted(kinds)[:_KINDS_LISTED])
+    listed = list_some(sorted(kinds))
     return f" among files of the kinds {listed}" if listed else ""
 
 
