@@ -230,32 +230,8 @@ def test_extinction_of_coincident_copies_is_exactly_one_gaussian(rng):
     assert np.abs(one.image - three.image).max() < tolerances.RENDER_DOUBLE
 
 
-@pytest.mark.parametrize(
-    ("options", "named"),
-    [
-        ({"order": "random"}, "distance, z, ray, integral"),
-        ({"response": "beta"}, "maximum, extinction, density"),
-        ({"order": "integral"}, "float64"),
-        ({"response": "density"}, "float64"),
-        ({"order": "ray", "blend": gsut.BlendRule()}, "order or blend"),
-    ],
-)
-def test_render_rules_that_do_not_go_together_are_refused(rng, options, named):
-    g, pose = overlapping(rng, pinhole(8), "maximum", count=3)
-    with pytest.raises(InputError, match=named):
-        gsut.render(g.to_dtype(np.float32), pinhole(8), pose, **options)
-
-
 def test_render_backward_of_the_integral_names_orders_with_a_gradient(rng):
     g, pose = overlapping(rng, pinhole(8), "maximum", count=3)
     result = render(g, pinhole(8), pose, order="integral")
     with pytest.raises(InputError, match=r"no gradient.*distance, z, ray"):
         gsut.render_backward(result, result.image)
-
-
-def test_response_of_linear_gaussians_is_refused(rng):
-    g, pose = overlapping(rng, pinhole(8), "maximum", count=3)
-    opacities = 1 / (1 + np.exp(-g.opacity_logits))
-    linear = gsut.LinearGaussians(g.means, g.quats, np.exp(g.log_scales), opacities, g.sh)
-    with pytest.raises(InputError, match="logits"):
-        gsut.render(linear, pinhole(8), pose, response="extinction")

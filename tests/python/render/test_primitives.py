@@ -181,13 +181,3 @@ def test_triangle_is_met_in_its_plane_whatever_its_third_scale(rng):
     assert found.image.tobytes() == expected.image.tobytes()
     slopes = gsut.render_backward(found, *random_weights(rng, camera)).gaussians
     assert not slopes.log_scales[:, 2].any() and slopes.log_scales[:, :2].any()
-
-
-def test_triangle_without_a_density_is_refused(rng):
-    camera, pose = pinhole(4), np.eye(4)
-    g = make_scene(rng, camera, pose, 3)
-    with pytest.raises(InputError, match='primitive "triangle" has no density along a ray'):
-        gsut.render(g, camera, pose, dtype="float64", order="integral")
-    g = dataclasses.replace(g, response="density")
-    with pytest.raises(InputError, match="has no density along a ray"):
-        gsut.render(g, camera, pose, dtype="float64")

@@ -9,7 +9,6 @@ from test_order import BLUE, RED
 
 import gsut
 import tolerances
-from gsut import InputError
 from random_scenes import (
     fisheye,
     gaussians_in_view,
@@ -132,11 +131,3 @@ def test_ray_order_every_isa_matches_double_there_and_back(rng, kind, parity, sh
             error = relative_error(*sums)
             assert error < tolerances.RENDER_GRADIENT, (isa, name, error)
         assert relative_error(found.pose, truth.pose) < tolerances.RENDER_POSE_GRADIENT, isa
-
-
-def test_median_along_the_ray_in_float32_says_what_it_has_not(rng):
-    camera = pinhole(8)
-    g = overlap(rng, camera, np.eye(4), count=3)
-    image = gsut.render(g, camera, np.eye(4), order="ray")
-    with pytest.raises(InputError, match=r"order \"ray\".*distance"):
-        gsut.rendering.measure_depth(image, "median")

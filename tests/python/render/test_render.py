@@ -187,6 +187,9 @@ def test_renderer_backward_without_what_it_needs_is_refused(rng):
         ({"camera_from_world": np.diag([1.0, 1, -1, 1])}, "determinant"),
         ({"camera_from_world": np.eye(4)[:3]}, "camera_from_world"),
         ({"dtype": "float16"}, "float32, float64"),
+        ({"order": "random"}, "distance, z, ray, integral"),
+        ({"response": "beta"}, "maximum, extinction, density"),
+        ({"order": "ray", "blend": gsut.BlendRule()}, "order or blend"),
     ],
 )
 @pytest.mark.parametrize("dtype", ["float32", "float64"])
@@ -195,6 +198,48 @@ def test_render_bad_argument_is_refused_with_what_to_do(rng, arguments, message,
     arguments = {"camera_from_world": np.eye(4), "dtype": dtype, **arguments}
     with pytest.raises(InputError, match=message):
         gsut.render(g, pinhole(), **arguments)
+
+
+def make_linear(g):
+    opacities = 1 / (1 + np.exp(-g.opacity_logits))
+    return gsut.LinearGaussians(g.means, g.quats, np.exp(g.log_scales), opacities, g.sh)
+
+
+DOUBLE, VIEW = "float64", (pinhole(8), np.eye(4))
+REFUSED = {
+    "integral in float32": (lambda g: gsut.render(g, *VIEW, order="integral"), "float64"),
+    "density in float32": (lambda g: gsut.render(g, *VIEW, response="density"), "float64"),
+    "response of linear ones": (
+        lambda g: gsut.render(make_linear(g), *VIEW, response="extinction"), "logits",
+    ),
+    "density of triangles": (
+        lambda g: gsut.render(dataclasses.replace(g, primitive="triangle", response="density"),
+                              *VIEW, dtype=DOUBLE), "has no density along a ray",
+    ),
+    "integral of triangles": (
+        lambda g: gsut.render(dataclasses.replace(g, primitive="triangle"), *VIEW, dtype=DOUBLE,
+                              order="integral"), 'primitive "triangle" has no density along a ray',
+    ),
+    "surface in double": (
+        lambda g: gsut.render_surface(gsut.render(g, *VIEW, dtype=DOUBLE)), "float32",
+    ),
+    "median along the ray": (
+        lambda g: gsut.rendering.measure_depth(gsut.render(g, *VIEW, order="ray"), "median"),
+        r"order \"ray\".*distance",
+    ),
+    "tiles of another shape": (
+        lambda g: _core.Renderer().render(
+            g, _core.RenderJob(*VIEW, tiles=np.ones((7, 6), "u1")), np.zeros((8, 8, 3), "f4")
+        ), "tiles",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_render_of_what_does_not_go_together_is_refused(rng, name):
+    call, message = REFUSED[name]
+    with pytest.raises(InputError, match=message):
+        call(gaussians_in_view(rng, *VIEW, 3))
 
 
 @pytest.mark.parametrize("dtype", ["float32", "float64"])

@@ -199,10 +199,3 @@ def test_z_is_refused_where_the_lens_sees_beyond_90_degrees():
     assert np.allclose(z, 2 * camera.rays()[0][..., 2])
     with pytest.raises(InputError, match="--depth ray"):
         z_from_distance(np.ones((16, 16)), fisheye(16))
-
-
-def test_surface_of_the_double_reference_is_refused(rng):
-    camera, pose = pinhole(8), random_pose(rng)
-    g = gaussians_in_view(rng, camera, pose, 3)
-    with pytest.raises(InputError, match="float32"):
-        gsut.render_surface(gsut.render(g, camera, pose, dtype="float64"))

@@ -46,10 +46,3 @@ def test_tiles_left_out_leave_the_others_to_the_bit(rng, kind):
     assert np.abs(expected.means).max() > 0
     assert 0 < touched.sum() < seen.sum()
     assert counts["num_pairs"] < of_all["num_pairs"]
-
-
-def test_tiles_of_another_shape_are_refused(rng):
-    camera = fisheye(SIZE)
-    g = random_gaussians(rng, 4).to_dtype(np.float32)
-    with pytest.raises(gsut.InputError, match="tiles"):
-        passes(g, camera, np.eye(4), np.zeros((SIZE, SIZE, 3), np.float32), np.ones((7, 6), "u1"))
