@@ -189,21 +189,6 @@ def test_memory_decides_the_number_of_blocks_and_refuses_what_does_not_fit(scene
     assert format_size(1234567) == "1.23 MB"
 
 
-@pytest.mark.parametrize(
-    ("flags", "words"),
-    [
-        (["--blocks", "0"], "--blocks 0: auto, or a number from 1"),
-        (["--blocks", "none.json"], "--blocks none.json: auto, or a number"),
-        (["--blocks", "2", "--memory", "much"], "--memory must be like"),
-        (["--workers", "2"], "--workers is for a training in --blocks"),
-        (["--blocks", "2", "--view"], "--view shows a training as a whole"),
-    ],
-)
-def test_wrong_flags_are_refused_before_anything_is_read(tmp_path, capsys, flags, words):
-    assert main(["train", str(tmp_path), "-o", str(tmp_path / "run"), *flags]) != 0
-    assert words in capsys.readouterr().err
-
-
 def test_run_killed_before_its_first_step_goes_on_to_the_same_bits(
     scene, finished, tmp_path, monkeypatch
 ):

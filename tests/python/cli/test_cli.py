@@ -109,11 +109,6 @@ def test_list_of_commands_imports_none_of_them_and_has_their_lines():
         assert re.search(rf"^ +{command}\s+{re.escape(line)}$", done.stdout, re.MULTILINE)
 
 
-@pytest.mark.parametrize("command", ["train", "poses"])
-def test_words_before_a_command_leave_it_its_flags(command, capsys):
-    assert "the following arguments are required" in refused(capsys, "--wrong", command)
-
-
 @pytest.mark.parametrize("command", COMMANDS)
 def test_help_of_a_command_ends_well(command, capsys):
     with pytest.raises(SystemExit) as caught:
@@ -203,12 +198,6 @@ def test_train_resume_of_a_run_killed_at_its_start_begins_it(tmp_path, training)
     (tmp_path / "new" / MARKER).write_text('{"command": "gsut train"}')
     assert main(["train", "data", "-o", str(tmp_path / "new"), "--resume", "--steps", "5"]) == 0
     assert training[0].options == TrainOptions(steps=5)
-
-
-def test_train_resume_of_nothing_is_refused(tmp_path, training, capsys):
-    said = refused(capsys, "train", "data", "-o", str(tmp_path / "new"), "--resume")
-    assert "new holds no run to resume; check the name, or leave --resume out" in said
-    assert not (tmp_path / "new").exists() and not training
 
 
 def test_train_interrupted_says_how_to_go_on(tmp_path, monkeypatch, scene, capsys):

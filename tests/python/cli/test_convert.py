@@ -58,26 +58,6 @@ def test_convert_takes_the_folder_of_a_run(tmp_path, monkeypatch, capsys):
     assert len(gsut.load_gaussians(tmp_path / "out.splat")) == len(small_run.GAUSSIANS)
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["in.ply", "out.obj"], "no format to write has this suffix; known: "),
-        (["in.ply", "in.ply"], "exists; give another name (nothing was overwritten)"),
-        (["nowhere.ply", "out.spz"], "nowhere.ply: no such file or folder"),
-        ([".", "out.spz"], "holds no run"),
-        (["in.ply", "out.spz", "--for", "viewers"], "in.ply is a file, give the folder of a run"),
-        (["in.ply", "out.html", "--for", "viewers"], "draws the scene as gsut does; leave --for"),
-    ],
-)
-def test_convert_refuses_in_one_sentence(words, said, ply, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    before = ply.read_bytes()
-    assert main(["convert", *words]) == 2
-    assert said in capsys.readouterr().err
-    assert ply.read_bytes() == before
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["in.ply"]
-
-
 def test_convert_run_to_a_page_is_linked_from_the_report(tmp_path, monkeypatch, capsys):
     scene = small_run.scene_from_arrays(tmp_path / "data")
     small_run.install(monkeypatch, scene)

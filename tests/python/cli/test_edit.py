@@ -101,26 +101,6 @@ def test_edit_merges_several(ply, capsys):
     np.testing.assert_array_equal(found.means[400:], ply.means)
 
 
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        ("-o in.ply", "exists; give another name"),
-        ("-o out.obj", "no format to write has this suffix"),
-        ("-o out.ply --crop-box 1 2 3", "--crop-box: expected 6 arguments"),
-        ("-o out.ply --crop-box 99 99 99 100 100 100", "nothing is left"),
-        ("-o out.ply --scale 0", "--scale must be above 0"),
-        ("-o out.ply --min-opacity 2", "must lie in 0 to 1"),
-        ("-o out.ply --up 0 0 0", "must be a direction"),
-        ("-o out.ply --up 0 0 1 --upright", "not both"),
-        ("-o out.ply --ground", "is a file, which has no cameras"),
-    ],
-)
-def test_edit_refuses_in_one_sentence(ply, words, said, capsys):
-    assert main(["edit", "in.ply", *words.split()]) == 2
-    assert said in capsys.readouterr().err
-    assert len(gsut.formats.load_ply("in.ply")) == 400
-
-
 @pytest.fixture
 def run(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
@@ -155,14 +135,3 @@ def test_edit_makes_a_run_metric_by_positions(run, capsys):
     assert figures["positions_rms"] == pytest.approx(0.0, abs=1e-9)
     zero = [[100, -300, 200]] * len(found)  # of the dataset: east, down, north
     np.testing.assert_allclose(found.means + found.origin, zero, rtol=1e-6)
-
-
-@pytest.mark.parametrize("flag", ["--scale 2", "--upright", "--up 0 0 1", "--ground"])
-def test_edit_takes_positions_alone(run, capsys, flag):
-    assert main(["edit", "run", "-o", "a.ply", "--positions", "p.csv", *flag.split()]) == 2
-    assert "--positions says scale and up" in capsys.readouterr().err
-
-
-def test_edit_asks_for_a_run_where_photographs_are_needed(ply, capsys):
-    assert main(["edit", "in.ply", "-o", "out.ply", "--floaters"]) == 2
-    assert "which has no cameras: give a run for --floaters" in capsys.readouterr().err

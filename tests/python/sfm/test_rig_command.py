@@ -73,19 +73,11 @@ def test_poses_with_a_rig_writes_both_lenses_in_all_forms(demo, poses):
     assert "camera right" in page
 
 
-@pytest.mark.parametrize(
-    ("flags", "message"),
-    [
-        (["--rig", "RIG", "--camera", "left.yaml"], "--camera contradicts --rig"),
-        (["--refine-rig"], "--refine-rig needs a rig"),
-        (["--rig", "none.json"], "none.json: cannot be opened"),
-    ],
-)
-def test_poses_with_a_rig_refuses_contradictions(demo, tmp_path, capsys, flags, message):
+def test_poses_with_a_rig_refuses_a_camera_beside_it(demo, tmp_path, capsys):
     truth = demo / "rig_hall"
-    flags = [str(truth / "rig.json") if flag == "RIG" else flag for flag in flags]
-    assert main(["poses", str(truth / "images"), *flags, "-o", str(tmp_path / "out")]) == 2
-    assert message in capsys.readouterr().err
+    words = ["--rig", str(truth / "rig.json"), "--camera", "left.yaml", "-o", str(tmp_path / "out")]
+    assert main(["poses", str(truth / "images"), *words]) == 2
+    assert "--camera contradicts --rig" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
 

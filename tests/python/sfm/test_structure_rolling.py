@@ -10,7 +10,6 @@ import pytest
 import gsut
 import tolerances
 from gsut import _core
-from gsut.cli import main
 from gsut.sfm.lens.candidates import guess_lens
 from gsut.sfm.lens.search import search_lens
 from gsut.sfm.matches.matching import match_images
@@ -100,15 +99,6 @@ def test_solve_rolling_start_and_end_poses_meet_the_middle(rolling):
         assert np.abs(motion.at(0.5) - found.camera_from_world[i]).max() < 1e-12
     # The residuals are those of the moving camera.
     assert np.median(np.linalg.norm(found.residuals, axis=1)) < 0.2
-
-
-def test_poses_command_shutter_options_that_contradict_are_refused(tmp_path, capsys):
-    for name in ("1.png", "2.png"):
-        (tmp_path / name).write_bytes(b"")
-    arguments = ["poses", str(tmp_path), "-o", str(tmp_path / "out"), "--quiet", "--fov", "60"]
-    arguments += ["--shutter", "global", "--readout-time", "0.5"]
-    assert main(arguments) == 2
-    assert "contradict each other" in capsys.readouterr().err
 
 
 def some_helmet(folder, choose):

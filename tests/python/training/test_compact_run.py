@@ -116,26 +116,6 @@ def test_compact_of_a_ply_file_needs_no_photograph(run, tmp_path, capsys):
     assert not other.exists()
 
 
-@pytest.mark.parametrize(
-    ("words", "sentence"),
-    [
-        (["--keep", "0"], "keep must be above 0 and at most 1, found 0.0"),
-        (["--keep", "1.5"], "keep must be above 0 and at most 1, found 1.5"),
-        ([], "give one of --keep and --target-psnr-drop"),
-        (["--keep", "0.1", "--target-psnr-drop", "1"], "give one of --keep"),
-        (["--keep", "0.1", "--method", "best"], "known: ghap"),
-        (["--keep", "0.1", "--finetune", "-1"], "--finetune must be 0 or more"),
-        (["--target-psnr-drop", "0"], "--target-psnr-drop must be above 0"),
-    ],
-)
-def test_wrong_arguments_are_refused_before_anything_is_written(
-    run, tmp_path, capsys, words, sentence
-):
-    out = tmp_path / "small"
-    assert sentence in refused(capsys, run, *words, "-o", out)
-    assert not out.exists()
-
-
 def test_compact_into_a_run_is_refused(run, capsys):
     before = (run / RunFile.OPTIONS).read_bytes()
     assert "files that gsut train wrote" in refused(capsys, run, "--keep", "0.5", "-o", run)
@@ -187,21 +167,6 @@ def test_stream_writes_smaller_levels_of_lower_psnr_and_keeps_a_full_folder(
     assert before == {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
     assert main(["convert", str(out), str(tmp_path / "back.ply")]) == 0
     assert len(gsut.load_gaussians(tmp_path / "back.ply")) == 300
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["out.sog"], "--stream writes a folder"),
-        (["out", "--for", "viewers"], "levels hold the scene as gsut draws it"),
-        (["out", "--title", "x"], "only a page has --title"),
-    ],
-)
-def test_stream_refuses_what_a_folder_has_not(words, said, run, tmp_path, monkeypatch, capsys):
-    monkeypatch.chdir(tmp_path)
-    assert main(["convert", str(run), *words, "--stream"]) == 2
-    assert said in capsys.readouterr().err
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_far_gaussians_are_the_environment_of_every_level(run, scene, monkeypatch):
