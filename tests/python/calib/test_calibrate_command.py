@@ -13,7 +13,6 @@ import gsut
 import tolerances
 from calib.solve.mrcal_process import INSTALL
 from calib_fakes import FISHEYE, ROOT, write_pictures
-from gsut.cli import main
 from gsut.cli.calibrate import _list_images
 
 
@@ -81,23 +80,6 @@ def test_calibrate_missing_mrcal_is_one_sentence_with_the_command(folder, tmp_pa
     assert "apt-get install mrcal python3-mrcal" in done.stderr
     assert done.stderr.count("\n") == 1
     assert not out.exists()
-
-
-@pytest.mark.parametrize(
-    ("words", "sentence"),
-    [
-        ("--board 9 -o lens.yaml", "COLUMNSxROWS"),
-        ("--spacing -1 -o lens.yaml", "side of a square"),
-        ("-o lens.dat", "must end in"),
-        ("-o lens.yaml --lens splined", "needs a .cameramodel"),
-        ("-o l.cameramodel --lens splined --solver opencv", "opencv has no splined lens"),
-    ],
-)
-def test_calibrate_wrong_arguments_are_one_sentence(folder, words, sentence, capsys):
-    usual = ["calibrate", str(folder), "--board", "7x5", "--spacing", "0.03"]
-    assert main([*usual, *words.split()]) == 2
-    told = capsys.readouterr().err
-    assert told.startswith("gsut: error: ") and sentence in told and told.count("\n") == 1
 
 
 def test_images_folders_and_patterns_are_expanded(folder, tmp_path):

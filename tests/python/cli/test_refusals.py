@@ -104,6 +104,15 @@ REFUSED = {
     "compact run -o new --keep 0.1 --method best": "known: ghap",
     "compact run -o new --keep 0.1 --finetune -1": "--finetune must be 0 or more",
     "compact run -o new --target-psnr-drop 0": "--target-psnr-drop must be above 0",
+    **{
+        f"calibrate data/images --board 7x5 --spacing 0.03 {words}": said
+        for words, said in (
+            ("--board 9 -o lens.yaml", "COLUMNSxROWS"), ("-o lens.dat", "must end in"),
+            ("--spacing -1 -o lens.yaml", "side of a square"),
+            ("-o lens.yaml --lens splined", "needs a .cameramodel"),
+            ("-o l.cameramodel --lens splined --solver opencv", "opencv has no splined lens"),
+        )
+    },
     "poses data/images -o new --refine-rig": "--refine-rig needs a rig",
     "poses data/images -o new --shutter global --readout-time 0.5": "contradict each other",
     "train data -o new --serve 127.0.0.1:0": "add --view",
