@@ -86,20 +86,6 @@ def test_file_of_pixels_and_rays_is_the_lens_of_a_dataset(tmp_path, rng):
     np.testing.assert_allclose(found.params[:4], lens.params[:4], rtol=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("text", "said"),
-    [
-        ("x,y,rx,ry,rz\n1,2,0,0,1\n", "there is no width"),
-        ("# width: 9\n# height: 9\n1,2,0,0\n", "row 1: expected 5 numbers"),
-        ("# width: 9\n# height: 9\n# model: pinhole\n1,2,0,0,1\n", "a fit needs 8"),
-    ],
-)
-def test_file_of_pixels_and_rays_that_is_none_is_refused(text, said, tmp_path):
-    (tmp_path / "lens.csv").write_text(text)
-    with pytest.raises(gsut.CalibrationError, match=said):
-        gsut.load_camera(tmp_path / "lens.csv")
-
-
 def test_file_of_pixels_and_rays_of_no_known_lens_is_refused(tmp_path, rng):
     pixels, rays = table_of(LENSES[2], rng)
     np.savez(

@@ -1,6 +1,8 @@
 """Bad lens files: one clear sentence with file, line and key."""
 
 import pytest
+from test_lens_files_ocam import text_of
+from test_lens_files_photogrammetry import FRAME
 
 from gsut import CalibrationError, InputError
 from gsut.lens import load_camera
@@ -73,7 +75,33 @@ BAD_FILES = [
         "line 3, key 'intrinsics': splined_stereographic takes",
     ),
     ("a.json", '{"cameras": {"a": {"model": "X", "params": [1]}}}', "key 'model': 'X'"),
+    ("lens.csv", "x,y,rx,ry,rz\n1,2,0,0,1\n", "there is no width"),
+    ("lens.csv", "# width: 9\n# height: 9\n1,2,0,0\n", "row 1: expected 5 numbers"),
+    ("lens.csv", "# width: 9\n# height: 9\n# model: pinhole\n1,2,0,0,1\n", "a fit needs 8"),
 ]
+# What is replaced in a whole file, and the message.
+BAD_OCAM = [
+    ("5 -289", "6 -289", "line 3.*polynomial.*expected 7"),
+    ("0.0 0.00177", "0.1 0.00177", "line 3.*0.1.*smooth"),
+    ("800 848", "", "image size.*cut off"),
+    ("800 848", "800 zero", "line 19.*image size.*zero"),
+    ("387.121004 417.520087", "387.121004", "line 11.*center.*2 finite"),
+    ("-289.7359", "289.7359", "a0"),
+]
+BAD_METASHAPE = [
+    ("<f>1430.15016509976</f>", "", "'f'.*missing"),
+    ("frame", "cylindrical", "cylindrical.*fisheye"),
+    ("</calibration>", "", "line.*not XML|not XML.*line"),
+    ("<k1>-", "<k1>x", "k1.*finite"),
+    ("</p1>", "</p1><p3>1</p3>", "p3"),
+    ("calibration>", "other>", "no <calibration>"),
+]
+for name, whole, rows in (
+    ("calib_results.txt", text_of("800 848"), BAD_OCAM),
+    ("bad.xml", FRAME.format(projection="frame"), BAD_METASHAPE),
+):
+    assert all(old in whole for old, _, _ in rows)
+    BAD_FILES += [(name, whole.replace(old, new), message) for old, new, message in rows]
 
 
 @pytest.mark.parametrize(("name", "text", "message"), BAD_FILES)
