@@ -89,7 +89,7 @@ def train(
     refuse_too_large(scene, asked)  # check/: of the memory that is free
     given, scene = scene, prepare_scene(scene.centred, asked)  # data/: size of the images, shutter
     scene.check_pixels()  # data/: a damaged photograph is found now
-    check_maps(scene, asked)  # data/: and a damaged depth or normal file
+    check_maps(scene)  # check/: depth files that are damaged or contradict the photographs
     with Progress(progress is True) as bar:  # of the harmonics, by two short trainings
         asked, degree_because = choose_degree(scene, asked, bar.show)
     o = asked

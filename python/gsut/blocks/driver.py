@@ -70,7 +70,7 @@ def train_blocks(
     near = prepare_scene(scene.centred, o)
     keep_at_most(near, limit_cache_bytes(b))
     near.check_pixels()
-    check_maps(near, o)
+    check_maps(near)
     with Progress(progress) as bar:
         o, degree_because = choose_degree(near, o, bar.show)
     engine = Workers(b.workers, o.threads) if b.cluster is None else Cluster(b.cluster)

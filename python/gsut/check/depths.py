@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from gsut._core import InputError
-from gsut.check.evidence import Evidence
+from gsut.check.evidence import Evidence, gather_evidence
 from gsut.check.findings import Finding
 from gsut.check.samples import FEWEST, choose_views
 from gsut.data import Scene
@@ -32,19 +32,21 @@ _CURES = {
 }  # by kind
 
 
-def check_depths(scene: Scene, evidence: Evidence | None) -> list[Finding]:
+def check_depths(scene: Scene, evidence: Evidence | None = None) -> list[Finding]:
     """Compares depth files with what points or else matches of the photographs say.
 
     Args:
         scene: with poses that the photographs agree with.
-        evidence: of the photographs, or None to compare with points only.
+        evidence: of the photographs; None: gathered if points do not suffice.
 
     Returns:
         A warning that says in which unit, or as what, the files would agree, or nothing.
     """
     others, samples = "the points", [*_sample_points(scene)]
-    if sum(len(each[0]) for each in samples) < FEWEST and evidence is not None:
-        others, samples = "the matches of the photographs", [*_sample_matches(scene, evidence)]
+    if sum(len(each[0]) for each in samples) < FEWEST:
+        evidence = gather_evidence(scene) if evidence is None else evidence
+        if evidence is not None:
+            others, samples = "the matches of the photographs", [*_sample_matches(scene, evidence)]
     if sum(len(each[0]) for each in samples) < FEWEST:
         return []
     depth, distance, cosine = np.log(np.concatenate([np.stack(each) for each in samples], axis=1))
@@ -85,7 +87,7 @@ def _warn(scene: Scene, what: str, advice: str) -> Finding:
 def _sample_points(scene: Scene) -> Iterator[tuple[np.ndarray, ...]]:
     views = [view for view, each in enumerate(scene.views) if each.depth_path is not None]
     for view in choose_views(views) if len(scene.points) else ():
-        yield _look_up(scene, view, *find_visible_points(scene, view, scene.points))
+        yield _look_up(scene, view, *find_visible_points(scene, view, scene.points)[1:])
 
 
 def _sample_matches(scene: Scene, evidence: Evidence) -> Iterator[tuple[np.ndarray, ...]]:

@@ -30,7 +30,7 @@ from gsut.training.densification import DensificationStep, load_strategy
 from gsut.training.drawing import Drawing
 from gsut.training.first import choose_first_gaussians
 from gsut.training.photograph import CutOut, Outliers, PhotographModel
-from gsut.training.surface import SurfaceTerms, SurfaceWeights
+from gsut.training.surface import SurfaceTerms
 
 # Share of the steps from which Gaussians are drawn along the ray, if they are to be: until then the
 # distance, in less than half the time, leads to the same quality.
@@ -127,7 +127,7 @@ class TrainingLoop:
         self.refiner = TrainingRefiner(self.views, options, tracks, moving) if refine else None
         self.drawing = Drawing(context)
         self.photographs = PhotographModel(scene, options, light)
-        self.surface = SurfaceTerms(SurfaceWeights(), scene) if flat else None
+        self.surface = SurfaceTerms.choose(scene, flat)
         self._mean = TrajectoryMean(is_flat)
 
     @property

@@ -10,8 +10,10 @@ import pytest
 import gsut
 import small_datasets
 import tolerances
+from box_room import BoxRoom, plan_walk, write_box_room
 from gsut import InputError, TrainOptions, _core
-from gsut.data.scene import read_depth
+from gsut.data.scene import DISTANCES, DepthForm, read_depth
+from gsut.rendering import measure_depth
 from gsut.training.loop import TrainingLoop
 from gsut.training.surface.known_depth import KnownDepth, check_maps
 from gsut.training.surface.surface_terms import SurfaceTerms, SurfaceWeights
@@ -148,6 +150,11 @@ def test_depth_files_are_known_at_any_size_and_damaged_ones_are_named(tmp_path):
     assert known.map(scene, scene.train_indices[1], camera) is None
     half = known.map(scene, view, camera.resize(24, 18))
     assert np.all(half > 0)
+    cv2.imwrite(str(folder / "metres.tif"), truth.astype(np.float32))
+    assert np.abs(read_depth(scene, view, folder / "metres.tif") - truth).max() < 1e-5
+    cv2.imwrite(str(folder / "shown.png"), np.round(truth * 20).astype(np.uint8))
+    with pytest.raises(InputError, match=r"shown.png: no depth picture .* 16 bits"):
+        read_depth(scene, view, folder / "shown.png")
     cv2.imwrite(str(folder / "depth.png"), np.ones((5, 4), np.uint16))
     with pytest.raises(InputError, match=r"depth.png is 4 x 5"):
         read_depth(scene, view)
@@ -183,58 +190,72 @@ def test_training_for_surfaces_flattens(scene):
     assert flatness[0] < flatness[1] - 0.05
 
 
+@pytest.fixture(scope="module")
+def room(tmp_path_factory):
+    camera = gsut.Camera("pinhole", [96, 96, 80, 60], 160, 120)
+    return write_box_room(tmp_path_factory.mktemp("room") / "room", camera, plan_walk(10))
+
+
+def load_with_depths(room, change, form=DISTANCES):
+    """Loads the room with a depth file a view: what `change` makes of distances and cosines."""
+    scene, views = gsut.load_dataset(room, test_every=0), []
+    for number, (view, pose) in enumerate(zip(scene.views, plan_walk(10), strict=True)):
+        distance = BoxRoom().measure_distances(scene.camera(0), pose)
+        file = room / f"{number}.npy"
+        np.save(file, change(distance, np.asarray(scene.camera(0).rays()[0])[..., 2]))
+        views.append(dataclasses.replace(view, depth_path=file, depth_form=form))
+    return scene.replace(views=tuple(views))
+
+
+def test_plain_training_keeps_to_depth_files(room):
+    scene, off = load_with_depths(room, lambda distance, cosine: distance), []
+    for each in (scene, gsut.load_dataset(room, test_every=0)):
+        loop = TrainingLoop(each, TrainOptions(steps=80, max_gaussians=1500, init="points"))
+        assert (loop.surface is not None) == (each is scene)
+        while loop.step < 80:
+            loop.advance()
+        view = scene.views[0]
+        result = gsut.render(loop.make_result(), scene.camera(0), view.camera_from_world)
+        off.append(np.nanmedian(np.abs(measure_depth(result, "mean") / read_depth(scene, 0) - 1)))
+    assert off[0] < 0.9 * off[1], off
+
+
 @pytest.mark.parametrize(
-    ("change", "words"),
+    ("change", "words", "cure"),
     [
-        (lambda depth: depth, ""),
-        (lambda depth: 1000 * depth, "as distances along the rays times 1e+03"),
-        (lambda depth: 5 / depth, "as the inverse of distances times 5"),
-        (lambda depth: np.exp(7 * np.random.default_rng(0).random(depth.shape)), "do not agree"),
+        (lambda distance, cosine: distance, "", ""),
+        (lambda distance, cosine: distance * cosine, "as z along the camera's axis", "depth_along"),
+        (
+            lambda distance, cosine: 1000 * distance,
+            "as distances along the rays times 1e+03",
+            "depth_unit",
+        ),
+        (
+            lambda distance, cosine: 5 / distance,
+            "as the inverse of distances times 5",
+            "depth_unit",
+        ),
+        (
+            lambda distance, cosine: np.exp(7 * np.random.default_rng(0).random(distance.shape)),
+            "do not agree",
+            "of these images",
+        ),
     ],
 )
-def test_doctor_and_training_name_the_unit_of_depths(change, words, tmp_path):
-    scene = write_depths(tmp_path, False)
-    for each in scene.views:
-        np.save(each.depth_path, change(np.load(each.depth_path)))
+def test_doctor_and_training_name_the_unit_of_depths(change, words, cure, room):
+    scene = load_with_depths(room, change)
     said = [each.what for each in gsut.doctor(scene) if "depth files" in each.what]
     assert len(said) == (words != "") and words in "".join(said), said
-    if words:
-        with pytest.raises(InputError, match=r"depth files.*poses' unit"):
-            check_maps(scene, gsut.TrainOptions(surface=True))
-
-
-def write_depths(folder, as_z: bool):
-    """Writes the plane's depths as .npy, along the rays or as z, beside its points."""
-    values = small_datasets.transforms()
-    for number, (frame, pose) in enumerate(
-        zip(values["frames"], small_datasets.world_from_cameras(), strict=True)
-    ):
-        y, x = np.mgrid[: small_datasets.HEIGHT, : small_datasets.WIDTH] + 0.5
-        rays = np.stack(
-            [
-                (x - small_datasets.CX) / small_datasets.FX,
-                (y - small_datasets.CY) / small_datasets.FY,
-                np.ones_like(x),
-            ],
-            axis=-1,
-        )
-        z = -pose[2, 3] / (rays @ pose[2, :3])
-        depth = z if as_z else z * np.linalg.norm(rays, axis=-1)
-        frame["depth_file_path"] = f"{number}.npy"
-        np.save(folder / f"{number}.npy", depth.astype(np.float32))
-    return gsut.load_dataset(small_datasets.write_nerfstudio(folder, values))
-
-
-def test_check_maps_of_z_beside_points_raises_what_to_do(tmp_path):
-    (tmp_path / "z").mkdir()
-    (tmp_path / "ray").mkdir()
-    options = gsut.TrainOptions(surface=True)
-    check_maps(write_depths(tmp_path / "ray", False), options)
-    scene = write_depths(tmp_path / "z", True)
     without_points = scene.replace(points=np.zeros((0, 3)), point_colors=np.zeros((0, 3), np.uint8))
-    for each in (scene, without_points):
-        with pytest.raises(InputError, match=r"as z along the camera's axis.*depth_along"):
-            check_maps(each, options)
-    file = tmp_path / "z" / "transforms.json"
-    file.write_text(json.dumps(json.loads(file.read_text()) | {"depth_along": "z"}))
-    check_maps(gsut.load_dataset(tmp_path / "z"), options)
+    for each, others in ((scene, "the points"), (without_points, "the matches")):
+        if not words:
+            check_maps(each)
+            continue
+        with pytest.raises(InputError, match=rf"depth files.*{others}.*poses' unit.*{cure}"):
+            check_maps(each)
+
+
+def test_depths_stated_as_z_are_read_as_z(room):
+    check_maps(
+        load_with_depths(room, lambda distance, cosine: distance * cosine, DepthForm(is_z=True))
+    )

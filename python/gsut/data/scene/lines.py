@@ -61,8 +61,10 @@ def find_line_times(camera: Any, motion: CameraMotion, pixels: np.ndarray) -> np
     return np.interp(along - 0.5, np.arange(len(lines)), lines)
 
 
-def find_visible_points(scene: Any, view: int, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns places (n, 2) as shares of the image size and distances (n,), farthest first.
+def find_visible_points(
+    scene: Any, view: int, points: np.ndarray, in_cell: float = _IN_CELL
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Returns rows (n,), places (n, 2) as shares of the image size and distances, farthest first.
 
     Which points a view sees is not stored with them: a point well behind another in the same part
     of the image is left out.
@@ -77,10 +79,10 @@ def find_visible_points(scene: Any, view: int, points: np.ndarray) -> tuple[np.n
     valid &= scene.mask(view)[row, column]
     distances = np.linalg.norm(in_camera[valid] - camera.origins()[row, column][valid], axis=1)
     places = places[valid] / size
-    cells = max(1, int(np.sqrt(len(places) / _IN_CELL)))
+    cells = max(1, int(np.sqrt(len(places) / in_cell)))
     cell = np.floor(places * cells).astype(np.int64) @ np.array([1, cells])
     nearest = np.full(cells * cells, np.inf)
     np.minimum.at(nearest, cell, distances)
     seen = np.flatnonzero(distances <= _HIDES * nearest[cell])
     seen = seen[np.argsort(-distances[seen], kind="stable")]  # the nearest of a pixel comes last
-    return places[seen], distances[seen]
+    return np.flatnonzero(valid)[seen], places[seen], distances[seen]

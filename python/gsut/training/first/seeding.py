@@ -47,8 +47,8 @@ Colored = tuple[np.ndarray, np.ndarray]  # points (N, 3) and their colours (N, 3
 def choose_first_gaussians(scene: Scene, options: TrainOptions) -> tuple[Gaussians, list[str]]:
     """Chooses what training starts from.
 
-    It starts from the dataset's points, from a sky if the photographs show one, and from what
-    stereo finds in the photographs if the points cover too little of them.
+    It starts from the dataset's points, from a sky if the photographs show one, and from known
+    depths, or what stereo finds in the photographs, if the points cover too little of them.
 
     Args:
         scene: as it is trained on.
@@ -70,8 +70,8 @@ def choose_first_gaussians(scene: Scene, options: TrainOptions) -> tuple[Gaussia
 
 
 def _find_points_to_seed(scene: Scene, options: TrainOptions, sky: int) -> Colored | None:
-    """Finds points by stereo if the options leave the first Gaussians open and the dataset's points
-    cover too little."""
+    """Finds points by depth files or stereo if the options leave the first Gaussians open and the
+    dataset's points cover too little."""
     o, given = options, len(scene.points)
     if o.init != "auto":
         return None
@@ -87,10 +87,8 @@ def _find_points_to_seed(scene: Scene, options: TrainOptions, sky: int) -> Color
 
 
 def _has_depths(scene: Scene) -> bool:
-    """Returns whether training starts at the depth files of training views, as it has no points."""
-    return not len(scene.points) and any(
-        scene.views[i].depth_path is not None for i in scene.train_indices
-    )
+    """Returns whether depth files of training views, and not stereo, add to the points."""
+    return any(scene.views[i].depth_path is not None for i in scene.train_indices)
 
 
 def _find_points_by_depth(scene: Scene, most: int, seed: int) -> Colored | None:
