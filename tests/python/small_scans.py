@@ -3,6 +3,7 @@
 import functools
 import json
 import struct
+import zipfile
 from pathlib import Path
 
 import cv2
@@ -110,6 +111,22 @@ def write_record3d(folder: Path) -> None:
               "frameTimestamps": [i / 60 for i in range(len(rows))],
               "perFrameIntrinsicCoeffs": [list(CAMERA.params)] * len(rows)}  # fmt: skip
     (place / "metadata.json").write_text(json.dumps(values))
+
+
+def write_record3d_archive(file: Path) -> None:
+    import lzfse
+
+    folder = file.with_suffix("")
+    write_record3d(folder)
+    sure = np.full(DEPTH_SIZE[::-1], 2, np.uint8)
+    sure[0] = 0
+    with zipfile.ZipFile(file, "w") as archive:
+        archive.write(folder / "EXR_RGBD/metadata.json", "metadata")
+        for i, pose in enumerate(poses()):
+            archive.write(folder / f"EXR_RGBD/rgb/{i}.jpg", f"rgbd/{i}.jpg")
+            z = measure_z(pose).astype("<f4").tobytes()
+            archive.writestr(f"rgbd/{i}.depth", lzfse.compress(z))
+            archive.writestr(f"rgbd/{i}.conf", lzfse.compress(sure.tobytes()))
 
 
 def write_scanner(folder: Path) -> None:

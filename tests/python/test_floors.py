@@ -16,7 +16,7 @@ WIDER_DOORS = {"files": 51}  # through which alone all others read and write, a 
 LIBRARIES = {
     *("av", "cv2", "jinja2", "numpy", "PIL", "simplejpeg", "tqdm", "yaml"),
     # Optional: photographs, USD, SPZ, clusters, ROS bags.
-    *("pillow_heif", "rawpy", "pxr", "zstandard", "ray", "rosbags", "laspy"),
+    *("pillow_heif", "rawpy", "pxr", "zstandard", "ray", "rosbags", "laspy", "lzfse"),
 }
 # These alone import the package gsut itself: the public names.
 WHOLE_PACKAGE = ("gsut.cli", "gsut.torch", "gsut.__main__")

@@ -99,6 +99,13 @@ def convert_dataset(
             source, staging, poses_topic="" if given.get("poses") else poses_topic,
             cameras=given.get("cameras", ()), progress=progress,
         )  # fmt: skip
+        if isinstance(recording, Listing) and to != _DEFAULT:
+            return _write(recording, out, to, move_file, None)
+        if isinstance(recording, Listing):  # stays as it is unpacked, with its depths
+            with whole_folder(out) as folder:
+                for file in filter(Path.is_file, sorted(staging.rglob("*"))):
+                    move_file(file, folder / file.relative_to(staging))
+            return recording.notes
         recording = replace_parts(recording, _from_here(given), Path.cwd(), source)
         if recording.poses is None:
             return _write_pictures(recording, out)

@@ -42,7 +42,7 @@ def test_export_of_a_scanning_app_gives_poses_lens_and_distances(app, tmp_path):
         unsure = 0 if app == "record3d" else 1  # its pictures of confidence are in no such export
         assert np.isnan(depth[:unsure]).all() and np.isfinite(depth[unsure:]).all()
         assert np.abs(depth / truth - 1)[unsure:].max() < 2e-3  # millimetres, or half floats
-    check_maps(scene, gsut.TrainOptions())
+    check_maps(scene)
 
 
 def test_training_on_a_scan_starts_at_its_depths(tmp_path):
@@ -99,3 +99,16 @@ def test_export_without_a_key_names_the_picture(tmp_path):
     file.write_text("{}")
     with raises_saying([f"pose of {file.stem}.jpg", "export the scan again"]):
         gsut.load_dataset(tmp_path)
+
+
+def test_archive_of_record3d_becomes_a_dataset_with_its_depths(tmp_path):
+    made.write_record3d_archive(tmp_path / "room.r3d")
+    with raises_saying(["room.r3d", "gsut data convert"]):
+        gsut.load_dataset(tmp_path / "room.r3d")
+    assert main(["data", "convert", f"{tmp_path}/room.r3d", f"{tmp_path}/out"]) == 0
+    scene = gsut.load_dataset(tmp_path / "out")
+    for number, pose in enumerate(made.poses()):
+        assert np.abs(np.linalg.inv(scene.views[number].camera_from_world) - pose).max() < 1e-9
+        truth = BoxRoom().measure_distances(made.CAMERA.resize(*made.DEPTH_SIZE), pose)
+        depth = read_depth(scene, number)
+        assert np.isnan(depth[0]).all() and np.abs(depth / truth - 1)[1:].max() < 1e-6

@@ -28,7 +28,7 @@ class Layout:
         record: instead of `read`, of a layout whose poses are found by time or order.
         write: into a new folder; None where gsut only reads the layout.
         unpack: of what holds pictures inside, such as a bag: writes them to a folder; instead of
-            `read` and `record`.
+            `read` and `record`, of which it returns the result.
     """
 
     name: str
@@ -38,7 +38,7 @@ class Layout:
     read: Callable[[Path, OnError], Listing] | None = None
     record: Callable[[Path], Recording] | None = None
     write: Callable[[Path, Export], list[str]] | None = None
-    unpack: Callable[..., Recording] | None = None
+    unpack: Callable[..., Recording | Listing] | None = None
 
 
 @functools.cache
@@ -78,8 +78,9 @@ _FOREIGN = {
     "poses_bounds.npy": "LLFF's: give the COLMAP model that it was made of",
     "*.ccm": "iTwin Capture's: export the cameras as COLMAP",
     "database.db": "COLMAP's, without a model: run `colmap mapper`",
-    "*.r3d": "Record3D's with packed depths: export it as EXR + RGB",
+    "*.r3d": "Record3D's archive: run `gsut data convert FILE OUT`",
     "*.e57": "a laser scanner's: export the cloud as LAS or PLY",
+    "*.csv": "a table; if of RealityScan's poses, export the registration as COLMAP",
     "*.zip": "packed: unpack it and give its folder",
 }
 

@@ -2,7 +2,8 @@
 
 polycam        keyframes/images, cameras (or corrected_images, corrected_cameras): t_00 ... t_23, fx
                fy cx cy; keyframes/depth in millimetres, keyframes/confidence: 0, 54, 255
-record3d       rgb, depth/*.exr in metres, metadata.json: K by columns, poses qx qy qz qw tx ty tz
+record3d       rgb, depth/*.exr in metres, metadata.json: K by columns, poses qx qy qz qw tx ty tz;
+               or the same in an archive .r3d, depths and confidences packed by LZFSE
 3dscannerapp   frame_*.jpg, frame_*.json: cameraPoseARFrame, intrinsics, by rows; depth_*.png in
                millimetres, conf_*.png: 0, 1, 2
 strayscanner   rgb, camera_matrix.csv, odometry.csv: time frame x y z qx qy qz qw; depth in
@@ -18,11 +19,12 @@ import dataclasses
 import functools
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from gsut._core import InputError
-from gsut.data.errors import DatasetError, OnError, list_some
+from gsut.data.errors import DatasetError, OnError, list_some, raise_error
 from gsut.data.images import read_header
 from gsut.data.layouts._layout import Layout
 from gsut.data.layouts.folder import POINT_FILES
@@ -30,7 +32,16 @@ from gsut.data.listing import Frame, Listing
 from gsut.data.poses import OPENGL_FROM_OPENCV, check_rigid, pose_from_quaternion
 from gsut.data.recordings import list_pictures
 from gsut.data.scene import DepthForm
-from gsut.files import read_json, read_rows, reading
+from gsut.files import (
+    open_archive,
+    parse_json,
+    read_json,
+    read_rows,
+    reading,
+    write_file,
+    write_npy,
+    write_picture,
+)
 from gsut.lens import Camera
 
 _ADVICE = "export the scan again, with its raw data"
@@ -141,8 +152,7 @@ def _make_frame(app: _App, root: Path, path: Path, picture: Path, shot: _Shot) -
 
 
 def _find_beside(root: Path, pattern: str, picture: Path) -> Path | None:
-    file = root / pattern.format(picture.stem.removeprefix("frame_"))
-    return file if file.is_file() else None
+    return next(root.glob(pattern.format(picture.stem.removeprefix("frame_"))), None)
 
 
 def _open_polycam(root: Path) -> Callable[[Path], _Shot | None]:
@@ -216,7 +226,7 @@ _APPS = (
     _App(
         "record3d", "metadata.json", rank=62, inside="EXR_RGBD",
         marks=("metadata.json", "rgb"), pictures=("rgb",), open=_open_record3d,
-        depth="depth/{}.exr", confidence="conf/{}.png", up=None,
+        depth="depth/{}.*", confidence="conf/{}.png", up=None,
     ),
     _App(
         "3dscannerapp", "frame_00000.json", rank=64, inside="",
@@ -238,4 +248,42 @@ def _make_layout(app: _App) -> Layout:
     )  # fmt: skip
 
 
-LAYOUTS = tuple(_make_layout(app) for app in _APPS)
+def unpack_record3d(file: Path, folder: Path, **_: Any) -> Listing:
+    """Unpacks a .r3d into a folder of Record3D's other export, with depths as .npy.
+
+    Raises:
+        DatasetError: the package lzfse is missing, or the archive is damaged.
+    """
+    try:
+        import lzfse
+    except ImportError:
+        advice = 'install its reader: pip install "gsut[lidar]"; or export EXR + RGB'
+        raise DatasetError(file, "its depths are packed by LZFSE", advice) from None
+    with reading(file, _ADVICE, DatasetError), open_archive(file, fails=DatasetError) as archive:
+        text = archive.read("metadata")
+        values = parse_json(text, file)
+        shape = int(values["dh"]), int(values["dw"])
+        write_file(folder / "metadata.json", text)
+        for each in ("rgb", "depth", "conf"):
+            (folder / each).mkdir()
+        for name in map(Path, archive.names):
+            if name.suffix == ".jpg" and name.parent.name == "rgbd":
+                write_file(folder / "rgb" / name.name, archive.read(str(name)))
+            elif name.suffix in (".depth", ".conf"):
+                kind = "<f4" if name.suffix == ".depth" else np.uint8
+                unpacked = lzfse.decompress(archive.read(str(name), 8 * shape[0] * shape[1]))
+                pixels = np.frombuffer(unpacked, kind).reshape(shape)
+                if name.suffix == ".depth":
+                    write_npy(folder / "depth" / f"{name.stem}.npy", pixels)
+                else:
+                    write_picture(folder / "conf" / f"{name.stem}.png", pixels)
+    return read(next(app for app in _APPS if app.name == "record3d"), folder, raise_error)
+
+
+LAYOUTS = (
+    *(_make_layout(app) for app in _APPS),
+    Layout(
+        "r3d", "Record3D's archive", rank=4,
+        holds=lambda path: path.is_file() and path.suffix.lower() == ".r3d", unpack=unpack_record3d,
+    ),
+)  # fmt: skip
