@@ -174,7 +174,9 @@ def parse_yaml(
 
 
 def read_rows(path: PathLike, *, fails: Fails = FileError) -> list[tuple[int, list[str]]]:
-    """Reads line numbers from 1 and fields, parted by commas or blanks; '#' begins a comment.
+    """Reads line numbers from 1 and fields; '#' begins a comment.
+
+    Fields are parted by commas or blanks, or by semicolons, beside which a comma is a point.
 
     Raises:
         FileError: see `read_text`.
@@ -183,6 +185,8 @@ def read_rows(path: PathLike, *, fails: Fails = FileError) -> list[tuple[int, li
     for number, line in enumerate(read_text(path, fails=fails).splitlines(), 1):
         text = line.strip()
         if text and not text.startswith("#"):
+            if ";" in text:
+                text = text.replace(",", ".").replace(";", ",")
             fields = text.split(",") if "," in text else text.split()
             rows.append((number, [field.strip() for field in fields]))
     return rows

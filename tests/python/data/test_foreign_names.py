@@ -137,13 +137,14 @@ def test_other_models_are_named_with_their_numbers_of_images(tmp_path):
     assert any("model of 10 images is used, not sparse/1 of 10" in note for note in notes)
 
 
-def test_decimal_commas_of_a_trajectory_are_read(tmp_path):
+@pytest.mark.parametrize("blank", [" ", ";"])
+def test_decimal_commas_of_a_trajectory_are_read(tmp_path, blank):
     folder = small_datasets.write_folder(tmp_path / "a")
     plain = gsut.load_dataset(folder)
     file = next(path for path in folder.iterdir() if path.name in ("poses.txt", "trajectory.txt"))
     rows = [row.split() for row in file.read_text().splitlines() if not row.startswith("#")]
     rows = [[row[0], *(f"{float(x):.9f}".replace(".", ",") for x in row[1:])] for row in rows]
-    file.write_text("\n".join(" ".join(row) for row in rows))
+    file.write_text("\n".join(blank.join(row) for row in rows))
     found = gsut.load_dataset(folder)
     for one, other in zip(plain.views, found.views, strict=True):
         np.testing.assert_allclose(one.camera_from_world, other.camera_from_world, atol=1e-6)
@@ -186,3 +187,12 @@ def test_nearly_full_alpha_is_opaque(tmp_path, alpha, share):
     cv2.imwrite(str(tmp_path / "a.png"), np.full((8, 8, 4), alpha, np.uint8))
     valid = decode_image(tmp_path / "a.png")[1]
     assert valid.mean() == share
+
+
+def test_masks_of_half_the_size_are_resized(tmp_path):
+    folder = rename(tmp_path / "a", lambda name: name)
+    mask = np.full((small_datasets.HEIGHT // 2, small_datasets.WIDTH // 2), 255, np.uint8)
+    mask[:4] = 0
+    small_datasets.write_png(folder / "mask.png", mask)
+    seen = gsut.load_dataset(folder).mask(0)
+    assert not seen[:8].any() and seen[8:].all()

@@ -52,20 +52,19 @@ def _make_source_mask(valid: np.ndarray, full: Camera) -> np.ndarray:
 
 
 def read_mask(path: Path, full: Camera, width: int, height: int) -> np.ndarray:
-    """Reads the mask of an image of the size of camera `full`, and shrinks it.
+    """Reads the mask of an image of camera `full`, of any size but of its shape, and resizes it.
 
     Raises:
-        DatasetError: unreadable, or neither of the image's size nor a larger copy of it.
+        DatasetError: unreadable, or of another shape.
     """
     valid = decode_mask(path)
     found_height, found_width = valid.shape
     ratio = found_width / full.width
-    larger = found_width >= full.width and found_height >= full.height
-    if not larger or abs(full.height * ratio - found_height) > max(1, 0.5 * ratio):
+    if abs(full.height * ratio - found_height) > max(1, 0.5 * ratio):
         raise DatasetError(
             path,
             f"the mask is {found_width} x {found_height}, the image {full.width} x {full.height}",
-            "make the mask at the image's size",
+            "make the mask in the image's shape",
         )
     return shrink_mask(valid, width, height)
 

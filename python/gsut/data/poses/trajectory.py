@@ -122,8 +122,8 @@ def _read_table_rows(source: Path) -> _Rows:
         if kitti:
             makers.append(functools.partial(_parse_kitti_pose, line, place))
             continue
-        if _DECIMAL_COMMAS.search(line):
-            line = line.replace(",", ".")
+        if ";" in line or _DECIMAL_COMMAS.search(line):
+            line = line.replace(",", ".").replace(";", " ")
         with_commas = "," in line
         fields = line.split(",")[:_TUM] if with_commas else line.rsplit(maxsplit=_TUM - 1)
         labels.append(fields[0].strip())
@@ -134,7 +134,7 @@ def _read_table_rows(source: Path) -> _Rows:
 
 def _is_heading(line: str) -> bool:
     """Returns whether a line names columns: it has no numbers, but the quaternion's names."""
-    fields = re.split(r"[,\s]+", line)
+    fields = re.split(r"[,;\s]+", line)
     return _has_w_first(line) is not None and not any(is_time(field) for field in fields)
 
 

@@ -13,7 +13,7 @@ class DepthForm:
     """How a view's depth file is read.
 
     Attributes:
-        unit: world units of a level of integer pictures; .npy and .exr files hold world units.
+        unit: world units of a level of integer pictures; other files hold world units.
         is_z: whether depths are measured along the camera's axis, not along each pixel's ray.
         confidence_path: picture of how sure the sensor is of each depth, or None.
         least_confidence: level of it from which a depth is used.

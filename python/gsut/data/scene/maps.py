@@ -23,7 +23,7 @@ def read_depth(scene: Scene, view: int, path: Path | None = None) -> np.ndarray 
     Args:
         scene: the dataset.
         view: index of the view.
-        path: a file of distances, levels of 16 bits are thousandths; None: the one that the
+        path: a file of distances, whole levels are thousandths; None: the one that the
             dataset names, in the form that it states.
 
     Returns:
@@ -45,9 +45,11 @@ def read_depth(scene: Scene, view: int, path: Path | None = None) -> np.ndarray 
             _require_exr(path)
         if picture is not None and picture.ndim == 3 and path.suffix == ".exr":
             picture = picture[..., 2]  # red, where there is one channel alone
-        if picture is None or picture.ndim != 2:
-            raise InputError(f"{path}: no depth picture of one channel")
-        depth = picture * (1.0 if path.suffix == ".exr" else form.unit)
+        if picture is None or picture.ndim != 2 or picture.dtype == np.uint8:
+            raise InputError(
+                f"{path}: no depth picture of one channel with 16 bits or floating-point numbers"
+            )
+        depth = picture * (1.0 if picture.dtype.kind == "f" else form.unit)
     camera = scene.file_cameras[scene.views[view].camera_index]
     height, width = camera.height, camera.width
     if depth.ndim != 2 or abs(depth.shape[0] - height * depth.shape[1] / width) > _HALF_PIXEL:
