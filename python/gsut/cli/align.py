@@ -47,8 +47,11 @@ def run(arguments: argparse.Namespace) -> int:
 
     for path in filter(None, (arguments.out, arguments.changes)):
         refuse_existing(Path(path))
-    if Path(arguments.first).suffix.lower() in _CLOUDS:
+    cloud = Path(arguments.first)
+    if cloud.suffix.lower() in _CLOUDS:
         return _align_to_cloud(arguments)
+    if cloud.is_file():
+        raise InputError(f"{cloud}: a cloud is read from {', '.join(_CLOUDS)}; export it as one")
     first, second = (load_run(each) for each in (arguments.first, arguments.other))
     other = second.scene
     with Progress() as bars:

@@ -11,6 +11,7 @@ from box_room import BoxRoom, plan_walk, write_box_room
 from gsut.cli import main
 from gsut.data.points import format_points_ply
 from gsut.refine.captures import align_to_cloud
+from gsut.refine.captures.cloud import _Surface
 
 SCALE, SHIFT = 37.0, np.array([5e5, 6e6, -200.0])  # of the cloud's coordinates from the dataset's
 ROTATION = gsut.exp_pose([0, 0, 0, 1.3, -0.8, 2.1])[:3, :3]
@@ -78,3 +79,9 @@ def test_one_wall_is_refused(data, rng):
 def test_cloud_of_few_points_is_refused(data):
     with pytest.raises(gsut.SolveError, match="cloud of 9 points is too small: 1500"):
         align_to_cloud(np.zeros((9, 3)), gsut.load_dataset(data, test_every=0))
+
+
+def test_strays_of_a_scan_do_not_count():
+    points = scan(BoxRoom(), 6000)
+    strays = np.concatenate([points, np.full((9, 3), np.nan), np.zeros((300, 3))])
+    assert _Surface(strays).size == pytest.approx(_Surface(points).size, rel=0.02)

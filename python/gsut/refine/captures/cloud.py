@@ -18,6 +18,8 @@ from gsut import _core
 from gsut._core import SolveError
 from gsut.bounds import name_wrong_kinds
 from gsut.data import Scene
+from gsut.data.points import find_usable_points
+from gsut.gaussians import rotations_from_quaternions
 from gsut.judge import Matches, Structure, prefer
 from gsut.refine.captures.alignment import CaptureAlignment
 from gsut.surface.stereo import sample_distances
@@ -26,6 +28,7 @@ _RAYS = 6000  # whose distances are compared
 _SEEKING = 1500  # of them, by which positions are sought: enough to separate them
 _VOXELS = 500  # across the cloud, of which each keeps one point
 _MOST_POINTS = 150_000  # for which voxels grow: as fine as the search needs
+_STRAY = 10  # medians of the distance from the middle, beyond which points lie by mistake
 _AROUND = 12  # neighbours that a normal is fitted to
 _NORMALS = 500  # of what photographs show, by which rotations are rated
 _ROTATIONS = 20_000  # that are tried: 7 degrees apart
@@ -70,8 +73,11 @@ class _Surface:
     """A cloud about its middle: finds its nearest points and cuts rays."""
 
     def __init__(self, points: np.ndarray) -> None:
+        points = points[find_usable_points(points)[0]]
         self.middle = np.median(points, axis=0)
         points = points - self.middle
+        away = np.linalg.norm(points, axis=1)
+        points = points[away < _STRAY * np.median(away)]
         self.low, high = np.percentile(points, (0.5, 99.5), axis=0)
         self.size, self.side = float(np.linalg.norm(high - self.low)), (high - self.low).max()
         voxel, of_point = self.size / _VOXELS, np.arange(_MOST_POINTS + 1)
@@ -300,12 +306,9 @@ def _climb(
 
 
 def _make_rotations(quaternions: np.ndarray) -> np.ndarray:
-    q = quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
-    w, v = q[:, 0], q[:, 1:]
-    cross = np.zeros((len(q), 3, 3))
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        cross[:, i, j], cross[:, j, i] = -v[:, k], v[:, k]
-    return np.eye(3) + 2 * w[:, None, None] * cross + 2 * cross @ cross
+    return rotations_from_quaternions(
+        quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)
+    )
 
 
 def _smooth_grid(grid: np.ndarray) -> np.ndarray:
