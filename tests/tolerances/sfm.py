@@ -20,6 +20,7 @@ SFM_SPONZA_ATE_PERCENT = 0.04  # of their extent; worst 0.021
 SFM_ROLLING_DEGREES = 0.12
 SFM_ROLLING_ATE_PERCENT = 0.012
 SCHUR_DENSE = 5e-12  # of sums of some hundred; least squares in another order; worst 2.8e-12
+LINEAR_JACKKNIFE = 0.4  # relative difference of spreads by one step and by adjusting; worst 0.22
 ONE_WINDOW = 1 + 1e-9  # sigma by one window over that of all images; worst 1 + 4e-13
 SFM_RATE_DEGREES = 1.0  # a second, of 9: rates of frames from the flow
 MARKER_CORNER_PX = 0.5  # corners of ray-traced markers of 50 pixels
@@ -56,6 +57,7 @@ SFM_TOLD_APART_ATE_PERCENT = 0.1  # one of two rooms alike; worst observed 0
 SEVERAL_LENSES_FOCAL = 0.0018  # relative, of two cameras of 14 images each, 0.1 px; worst 0.00089
 SEVERAL_LENSES_FEW_FOCAL = 0.012  # of two images, which leave higher coefficients at 0; worst 0.006
 SEVERAL_LENSES_ATE_PERCENT = 0.11  # of the path, in the same scenes; worst 0.059
+FOCAL_SPREADS = 2.0  # errors over their jackknife, root mean square, either way; worst 0.83
 FOCAL_SIGMAS = 3.0  # standard deviations of a focal length that its error stays within; worst 0.84
 HALVES_FACTOR = (
     2.0  # of the error of poses over the half difference of halves, both ways; worst 1.01

@@ -8,7 +8,7 @@ import pytest
 
 import tolerances
 from gsut.lens import convert_camera, with_scaled_focal
-from gsut.sfm.lens.covariance import estimate_lens_sigmas
+from gsut.sfm.lens.covariance import estimate_focal_spread, estimate_lens_sigmas
 from gsut.sfm.lens.doubt import judge_lens
 from gsut.sfm.lens.prior import find_focal
 from gsut.sfm.mapping import PosesLog
@@ -75,15 +75,15 @@ def test_focal_prior_that_images_know_better_changes_nothing(walk):
 
 @pytest.mark.slow
 def test_focal_sigma_with_errors_that_features_share_covers_the_error():
-    errors, wider = [], 0
+    errors, spreads = [], []
     for seed in range(5):
         flight = fly(np.random.default_rng(seed), relief=0.1, stretch=0.004)
         run, error = judge(flight)
         errors.append(error / run.found.focal_sigma)
-        (known,) = estimate_lens_sigmas(flight.solution, FREE)
-        wider += run.found.focal_sigma > known[0] / flight.solution.cameras[0].params[0]
-    assert len(errors) == 5 and wider > 0
-    assert max(map(abs, errors)) < tolerances.FOCAL_SIGMAS
+        spreads.append(error / estimate_focal_spread(flight.solution, FREE))
+    assert len(errors) == 5 and max(map(abs, errors)) < tolerances.FOCAL_SIGMAS
+    size = math.sqrt(np.mean(np.square(spreads)))
+    assert 1 / tolerances.FOCAL_SPREADS < size < tolerances.FOCAL_SPREADS
 
 
 def test_focal_sigma_where_features_leave_no_doubt_counts_what_they_share():

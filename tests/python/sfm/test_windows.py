@@ -1,13 +1,16 @@
 """What many images tell of a lens and a readout adds up over windows of them."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
 import tolerances
 from gsut import _core
-from gsut.sfm.lens import information, prior
-from gsut.sfm.lens.covariance import estimate_lens_sigmas
-from made_flight import FREE, fly
+from gsut.sfm.lens import information
+from gsut.sfm.lens.covariance import estimate_focal_spread, estimate_lens_sigmas
+from gsut.sfm.solution import Adjustment, adjust_registered
+from made_flight import FREE, OPTIONS, fly
 
 IMAGES, POINTS, SHARED = 5, 30, 3
 
@@ -18,13 +21,15 @@ def flight():
     return fly(np.random.default_rng(36), relief=0.3, turn=0.3, stretch=0.002)
 
 
-def test_windows_are_of_images_that_share_points():
+def test_windows_are_of_images_that_share_points(monkeypatch):
     place = np.arange(40) % 2  # images of two places in turn
     image = np.repeat(np.arange(40), POINTS)
     point = np.tile(np.arange(POINTS), 40) + POINTS * place[image]
-    windows = information.split_windows(image, point, 41, count=2)
+    monkeypatch.setattr(information, "_WINDOW", 20)
+    windows = information.split_windows(image, point, 41)
     assert [window.tolist() for window in windows] == [[*range(0, 40, 2)], [*range(1, 40, 2)]]
-    quarters = information.split_windows(image, point, 41, count=4)
+    monkeypatch.setattr(information, "_WINDOW", 10)
+    quarters = information.split_windows(image, point, 41)
     assert [len(window) for window in quarters] == [10] * 4
     assert sorted(np.concatenate(quarters)) == list(range(40))
     assert all(len(set(place[window])) == 1 for window in quarters)
@@ -79,9 +84,22 @@ def test_lens_covariance_by_windows_is_a_little_larger(flight, monkeypatch, size
     assert (split[free] < most * whole[free]).all() and not split[~free].any()
 
 
-def test_focal_spread_of_windows_is_about_that_without_groups(flight, monkeypatch):
-    by_groups = prior.estimate_focal_sigma(flight, FREE, 0.0)
-    monkeypatch.setattr(prior, "_MOST_LEFT_OUT", 4)
-    monkeypatch.setattr(prior, "GROUPS", 3)
-    by_windows = prior.estimate_focal_sigma(flight, FREE, 0.0)
-    assert by_groups / 3 < by_windows < 3 * by_groups
+def test_focal_spread_is_that_of_adjusting_without_each_group(flight):
+    logs = []
+    for group in np.array_split(np.arange(12), information.GROUPS):
+        registered = ~np.isin(np.arange(12), group)
+        found = adjust_registered(
+            dataclasses.replace(flight.solution, registered=registered),
+            flight.features, flight.pairs, OPTIONS, adjustment=Adjustment(FREE, lens_settled=True),
+        )  # fmt: skip
+        logs.append(np.log(found.cameras[0].params[0]))
+    adjusted = np.sqrt((len(logs) - 1) * np.var(logs))
+    spread = estimate_focal_spread(flight.solution, FREE)
+    assert spread == pytest.approx(adjusted, rel=tolerances.LINEAR_JACKKNIFE)
+
+
+def test_focal_spread_of_windows_is_about_that_at_once(flight, monkeypatch):
+    at_once = estimate_focal_spread(flight.solution, FREE)
+    monkeypatch.setattr(information, "_MOST_IMAGES", 4)
+    monkeypatch.setattr(information, "_WINDOW", 6)
+    assert at_once / 3 < estimate_focal_spread(flight.solution, FREE) < 3 * at_once

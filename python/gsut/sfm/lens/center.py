@@ -62,7 +62,7 @@ def _adjust(
     """Adjusts everything with these parameters of the lens free."""
     return adjust_registered(
         start, mapping.features, pairs, mapping.options, mapping.log.follow_steps("mapping"),
-        Adjustment(flags, covariances=is_last, extend=is_last),
+        Adjustment(flags, lens_settled=is_last, covariances=is_last, extend=is_last),
     )  # fmt: skip
 
 

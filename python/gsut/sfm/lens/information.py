@@ -9,7 +9,7 @@ counts as two.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -96,6 +96,7 @@ class WeightedObservations:
         prior: np.ndarray,
         times: np.ndarray | None = None,
         turns: StatedTurns | None = None,
+        left_out: Sequence[int] | np.ndarray = (),
     ) -> tuple[np.ndarray, int]:
         """Finds the information on what all images share; poses and points are free too.
 
@@ -105,6 +106,7 @@ class WeightedObservations:
             times: (O,) of the observations' lines: bodies have a velocity too; None: they do not.
             turns: of a gyroscope, whose standard deviations are in the features' noise: what is
                 not known of its calibration is shared too, after the other unknowns.
+            left_out: images whose observations do not count.
 
         Returns:
             The normal equations (F, F), and coordinates minus the directions that poses and points
@@ -114,7 +116,10 @@ class WeightedObservations:
         is_large = len(known) > _MOST_IMAGES
         total: np.ndarray | int = 0
         freedom = 2 * len(self.rows)
-        for window in split_windows(self.image, self.point, len(centers)) if is_large else [known]:
+        windows = split_windows(self.image, self.point, len(centers)) if is_large else [known]
+        for window in (np.setdiff1d(images, left_out) for images in windows):
+            if not len(window):
+                continue
             chosen = np.flatnonzero(np.isin(self.image, window))
             by_pose, by_point = self.differentiate_poses(chosen)
             if times is not None:
@@ -144,9 +149,15 @@ class WeightedObservations:
             freedom: number of coordinates minus unknowns.
         """
         weight, lost = self.weight[:, 0, 0] ** 2, 2 * len(self.squared) / freedom
-        # psi = w r; over all directions of a residual r in the plane its mean derivative is w^2.
         psi = float(np.mean(weight**2 * self.squared)) / 2
-        return lost * psi * float(np.mean(weight)) / float(np.mean(weight**2)) ** 2
+        return lost * psi / float(np.mean(weight)) / self.curvature**2
+
+    @property
+    def curvature(self) -> float:
+        """Curvature of Cauchy's loss, over that of the weighted squares."""
+        weight = self.weight[:, 0, 0] ** 2
+        # psi = w r; over all directions of a residual r in the plane its mean derivative is w^2.
+        return float(np.mean(weight**2)) / float(np.mean(weight))
 
 
 Rows = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
@@ -223,9 +234,7 @@ def differentiate_by_turn(by_point: np.ndarray, p: np.ndarray) -> np.ndarray:
     return np.cross(p[:, None, :], by_point)
 
 
-def split_windows(
-    image: np.ndarray, point: np.ndarray, images: int, count: int | None = None
-) -> list[np.ndarray]:
+def split_windows(image: np.ndarray, point: np.ndarray, images: int) -> list[np.ndarray]:
     """Splits images into windows that share many points.
 
     A window grows by the image that sees most of its points, and the next one begins beside it.
@@ -233,7 +242,6 @@ def split_windows(
     Args:
         image, point: (S,) of the observations.
         images: number of images; those without observations are in no window.
-        count: of windows; None: one for every 150 images or so.
 
     Returns:
         The sorted images of each window.
@@ -242,7 +250,7 @@ def split_windows(
     begin_image = np.searchsorted(image[by_image], np.arange(images + 1))
     begin_point = np.searchsorted(point[by_point], np.arange(int(point.max(initial=-1)) + 2))
     is_open = np.diff(begin_image) > 0
-    count = count or max(1, round(int(is_open.sum()) / _WINDOW))
+    count = max(1, round(int(is_open.sum()) / _WINDOW))
     size = -(-int(is_open.sum()) // count)
     windows: list[np.ndarray] = []
     shared = np.zeros(images, np.int64)
