@@ -3,8 +3,12 @@
 from gsut.sfm.lens.cameras import search_lenses
 from gsut.sfm.lens.candidates import guess_lenses
 from gsut.sfm.lens.center import free_center
-from gsut.sfm.lens.critical_motion import TURNED
 from gsut.sfm.lens.doubt import describe_cameras, describe_doubt, judge_lens
-from gsut.sfm.lens.information import GROUPS, WeightedObservations, differentiate_by_turn
+from gsut.sfm.lens.information import (
+    GROUPS,
+    WeightedObservations,
+    differentiate_by_turn,
+    invert_scaled,
+)
 from gsut.sfm.lens.sightings import index_points, join_points
 from gsut.sfm.lens.still_camera import require_motion

@@ -19,17 +19,15 @@ from collections.abc import Mapping
 import numpy as np
 
 from gsut.lens import Camera
-from gsut.sfm.lens import GROUPS, WeightedObservations
+from gsut.sfm.lens import GROUPS, WeightedObservations, differentiate_by_turn, invert_scaled
 from gsut.sfm.solution import FEATURE_VARIANCE, Solution, transform_to_cameras
 
-_TINY = 1e-300  # keeps quotients finite
 _DRAWS = 4  # of the velocities' errors: their mean is known to a fifth
 _LEAST_RELIABLE = 0.5  # larger errors of the velocities are not known well enough
 _FEWEST_CORNERS = 8  # of known depth: six unknowns and some to judge them by
 _NEAR = 0.08  # of the diagonal: farther points do not show the depth of a corner
 _NEAREST = 3  # points that the depth of a corner is taken from
 _ROUNDS = 10  # of robust weights: they have settled after five or six
-_STEP = 1e-4  # of the central differences, in radians and shares of the median distance
 
 
 @dataclasses.dataclass(frozen=True)
@@ -99,14 +97,8 @@ def estimate_readout_by_flow(
     normal, freedom = seen.find_information(differentiate, np.zeros(6))
     lens = len(normal) - last
     freedom -= lens + 1
-    small = normal[:lens, :lens]
-    length = 1 / np.sqrt(np.maximum(np.diag(small), _TINY))
-    cross = normal[:lens, -last:] * length[:, None]
-    try:
-        taken_up = cross.T @ np.linalg.solve(small * np.outer(length, length), cross)
-    except np.linalg.LinAlgError:
-        return None
-    left = normal[-last:, -last:] - taken_up
+    cross = normal[:lens, -last:]
+    left = normal[-last:, -last:] - cross.T @ invert_scaled(normal[:lens, :lens]) @ cross
     information = float(left[:GROUPS, :GROUPS].sum())
     if freedom <= 0 or not information > 0:
         return None
@@ -191,23 +183,11 @@ def _fit_rate(
     if good.sum() < _FEWEST_CORNERS:
         return unknown
     points, speed = rays[good] * distance[good, None], flow[good, 2:]
-    columns = []
     middle = float(np.median(distance[good]))
-    for axis in range(6):
-        moves = []
-        for sign in (1, -1):
-            change = np.zeros(3)
-            change[axis % 3] = sign * _STEP
-            # The centre moves in the world, and the camera turns: p <- exp(w) (p - R v).
-            moved = (
-                points - middle * camera_from_world[:3, :3] @ change
-                if axis < 3
-                else points + np.cross(change, points)
-            )
-            moves.append(camera.project(moved)[0])
-        scale = middle if axis < 3 else 1.0
-        columns.append((moves[0] - moves[1]) / (2 * _STEP * scale))
-    matrix = np.stack(columns, axis=2)  # (M, 2, 6) pixels
+    # The centre moves in the world, and the camera turns: p <- exp(w) (p - R v).
+    by_point = camera.project_jacobian(points, with_params=False)[0]
+    by_shift = -by_point @ camera_from_world[:3, :3]
+    matrix = np.concatenate([by_shift, differentiate_by_turn(by_point, points)], axis=2)
     kept = np.isfinite(matrix).all(axis=(1, 2))
     matrix, speed = matrix[kept], speed[kept]
     if len(matrix) < _FEWEST_CORNERS:
