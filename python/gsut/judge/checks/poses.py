@@ -49,7 +49,6 @@ class PosesQuality(PictureQuality):
         readout_turn: root mean square turn of the images during their readout, in radians; None:
             a global shutter.
         motion: a sentence on a motion that determines too little; empty: none.
-        only_turned: whether that motion is a turn on the spot.
         look_alikes: a sentence on places taken for one another; empty: none.
     """
 
@@ -64,7 +63,6 @@ class PosesQuality(PictureQuality):
     contradicted: float = 0.0
     readout_turn: float | None = None
     motion: str = ""
-    only_turned: bool = False
     look_alikes: str = ""
 
     @property
@@ -135,10 +133,6 @@ def _choose_step_on_pairs(q: PosesQuality) -> str:
 
 
 POSES_CHECKS: tuple[Check[PosesQuality], ...] = (
-    Check(
-        "turn on the spot", lambda q: q.only_turned, 0, 0,
-        lambda q: q.motion.split(":")[0], lambda q: q.motion.rpartition(": ")[2],
-    ),
     Check(
         "critical motion", lambda q: q.lens_px if q.motion else 0.0, GOOD_PX, math.inf,
         lambda q: q.motion.split(":")[0], lambda q: q.motion.rpartition(": ")[2],

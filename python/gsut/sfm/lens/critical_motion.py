@@ -3,50 +3,26 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
 from gsut.data.poses import find_centers
 from gsut.gaussians import measure_rotation_angles
-from gsut.sfm.matches import PairMatches
 from gsut.sfm.solution import Solution
 
-TURNED = "the camera mostly turned on the spot"  # how that sentence begins
 # Extent over the next larger one, below which camera centres lie on a line, or points in a plane.
 _THIN = 0.03
 _LITTLE_TURN = math.radians(10.0)  # between the views: it constrains no lens
-_LITTLE_PARALLAX = math.radians(2.0)  # too little for depths that serve other views
-_TURN_SHARE = 0.1  # parallax of a pair over its turn, below which the camera only turned
-_MOSTLY = 0.8  # share of the pairs that speaks for the whole capture
-_TURNED_ONLY = 0.9  # share of a pair's matches that a rotation must explain
 
 
-def find_critical_motion(solution: Solution, pairs: Sequence[PairMatches]) -> str | None:
+def find_critical_motion(solution: Solution) -> str | None:
     """Finds why the motion or the scene leaves the lens open, as a sentence; None if nothing does.
 
     A straight flight without turns: a longer focal length with a longer path gives the same images.
-    A turn about one point: no depth. A plane seen from one height: no depth differences, so that
-    focal length and height trade off (Sturm, "Critical motion sequences for monocular
-    self-calibration", CVPR 1997).
-
-    Args:
-        pairs: verified matches.
+    A plane seen from one height: no depth differences, so that focal length and height trade off
+    (Sturm, "Critical motion sequences for monocular self-calibration", CVPR 1997).
     """
     poses = solution.camera_from_world[solution.registered]
-    turned = [pair.rotation_matches > _TURNED_ONLY * len(pair.matches) for pair in pairs]
-    parallax = np.array([pair.parallax for pair in pairs])
-    turns = measure_rotation_angles(
-        np.array([p.second_from_first[:3, :3] for p in pairs]).reshape(-1, 3, 3)
-    )
-    # A rolling shutter or a step to the side is more than a rotation explains.
-    beside = parallax < _TURN_SHARE * turns
-    mostly = pairs and max(np.mean(turned), np.mean(beside)) > _MOSTLY
-    if mostly and float(np.median(parallax)) < _LITTLE_PARALLAX:
-        return (
-            f"{TURNED}, so depths are hardly known and nothing can be seen from elsewhere: walk "
-            "between the pictures, sideways to what you film"
-        )
     extents = _measure_extents(find_centers(poses))
     middle = poses[len(poses) // 2, :3, :3]
     angles = measure_rotation_angles(poses[:, :3, :3] @ middle.T)

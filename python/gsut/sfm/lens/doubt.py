@@ -30,7 +30,7 @@ def judge_lens(mapping: Mapping) -> Mapping:
     if isinstance(flags, np.ndarray) and mapping.photographs.frames is None:
         lens = solution.cameras[int(np.flatnonzero(solution.registered)[0])]
         mapping = describe_center(mapping, lens, known[0] if known else None)
-    motion = find_critical_motion(solution, mapping.pairs)
+    motion = find_critical_motion(solution)
     if mapping.one_lens_free is None:
         sigma = estimate_focal_sigma(mapping, flags, sigma)
     else:

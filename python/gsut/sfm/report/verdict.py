@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from gsut.data import list_some
 from gsut.judge.checks import FEW_AGREE, PosesQuality, has_bent, judge_poses
 from gsut.run import Verdict
-from gsut.sfm.lens import TURNED, describe_cameras, describe_doubt
+from gsut.sfm.lens import describe_cameras, describe_doubt
 from gsut.sfm.mapping import Findings, Mapping
 from gsut.sfm.matches import measure_pictures
 from gsut.sfm.photographs import Features
@@ -24,7 +24,7 @@ def judge_solution(solution: Solution, features: Sequence[Features], found: Find
         found: beside the poses.
     """
     camera = solution.cameras[0]
-    motion, alike = found.motion or "", found.look_alikes
+    alike = found.look_alikes
     return judge_poses(
         PosesQuality(
             **dataclasses.asdict(measure_pictures(features, solution.registered)),
@@ -38,8 +38,7 @@ def judge_solution(solution: Solution, features: Sequence[Features], found: Find
             focal_sigma=found.focal_sigma,
             focal_gap=found.focal_gap,
             readout_turn=solution.readout_turn,
-            motion=motion,
-            only_turned=motion.startswith(TURNED),
+            motion=found.motion or "",
             look_alikes="" if alike is None else alike.explain(),
         )
     )
