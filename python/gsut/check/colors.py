@@ -6,8 +6,7 @@ others.
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
@@ -18,9 +17,12 @@ from gsut.data import Scene, list_some
 from gsut.run import Progress
 
 EXPECTED_R = 0.5  # correlation; good real data reach 0.7 to 0.95
+_STOPS = 0.7  # photographic stops by which a view may be brighter or darker than the others
 _LEAST_VIEW_R = 0.25  # correlation below which a single view is suspect if the others are good
 _ORDER_GAIN = 0.03  # correlation gained by another order of colours that is worth a warning
 _CELLS = 48  # cells along the image's longer side: fine enough that few points are thinned out
+
+_Colors = np.ndarray  # (2, N, 3) of points, and of the pixels that show them
 
 
 def check_colors(scene: Scene, *, progress: bool = True) -> Iterator[Finding]:
@@ -32,16 +34,13 @@ def check_colors(scene: Scene, *, progress: bool = True) -> Iterator[Finding]:
     """
     if len(scene.points) < FEWEST or np.ptp(scene.point_colors) == 0:
         return
-    chosen = choose_views(range(len(scene)))
-    per_view = {}
-    for index in Progress(progress).iterate("colours", chosen):
-        r = correlate_colors(scene, index)
-        if r is not None:
-            per_view[index] = r
+    views = Progress(progress).iterate("colours", choose_views(range(len(scene))))
+    seen = {view: each for view in views if (each := _see_points(scene, view)) is not None}
+    per_view = {view: r for view, each in seen.items() if (r := _correlate(each)) is not None}
     where = str(scene.path)
-    agreed = _take_median(per_view.values())
+    agreed = float(np.median(list(per_view.values()))) if per_view else None
     if agreed is None or agreed < EXPECTED_R:
-        swapped = list(_check_channels(scene, chosen, agreed or 0.0))
+        swapped = list(_check_channels(scene, seen, agreed or 0.0))
         if swapped:
             yield swapped[0]
             return
@@ -57,18 +56,20 @@ def check_colors(scene: Scene, *, progress: bool = True) -> Iterator[Finding]:
         )  # fmt: skip
         return
     yield Finding("info", where, f"colours of the points agree with the pixels at r = {agreed:.2f}")
-    bad = [f"{scene.views[i].name} ({r:.2f})" for i, r in per_view.items() if r < _LEAST_VIEW_R]
+    bad = [view for view, r in per_view.items() if r < _LEAST_VIEW_R]
     if bad:
-        what = f"{len(bad)} views disagree with the points' colours: {list_some(bad)}"
+        names = list_some([f"{scene.views[view].name} ({per_view[view]:.2f})" for view in bad])
+        what = f"{len(bad)} views disagree with the points' colours: {names}"
         yield Finding("warning", where, what, "their poses may be wrong")
-    yield from _check_channels(scene, chosen, agreed)
+    yield from _check_exposure(scene, seen)
+    yield from _check_channels(scene, seen, agreed)
 
 
-def _check_channels(scene: Scene, views: list[int], agreed: float) -> Iterator[Finding]:
+def _check_channels(scene: Scene, seen: Mapping[int, _Colors], agreed: float) -> Iterator[Finding]:
     """Checks whether the colours agree better with red and blue swapped (OpenCV's BGR)."""
-    swapped = scene.replace(points=scene.points, point_colors=scene.point_colors[:, ::-1])
-    value = _take_median(correlate_colors(swapped, index) for index in views)
-    if value is not None and value > agreed + _ORDER_GAIN:
+    swapped = [_correlate(np.stack([point[:, ::-1], pixel])) for point, pixel in seen.values()]
+    value = float(np.median([r for r in swapped if r is not None] or [-1.0]))
+    if value > agreed + _ORDER_GAIN:
         yield Finding(
             "warning",
             str(scene.path),
@@ -79,9 +80,23 @@ def _check_channels(scene: Scene, views: list[int], agreed: float) -> Iterator[F
         )
 
 
-def _take_median(values: Iterable[float | None]) -> float | None:
-    known = [value for value in values if value is not None]
-    return float(np.median(known)) if known else None
+def _check_exposure(scene: Scene, seen: Mapping[int, _Colors]) -> Iterator[Finding]:
+    """Names views in which points are far brighter or darker than in the others."""
+    stops = {}
+    for view, each in seen.items():
+        point, pixel = np.maximum(each.mean(axis=2), 1.0)
+        stops[view] = float(np.median(np.log2(pixel / point)))
+    usual = np.median(list(stops.values()))
+    far = [view for view, each in stops.items() if abs(each - usual) > _STOPS]
+    if far:
+        names = list_some([scene.views[view].name for view in far])
+        yield Finding(
+            "warning",
+            str(scene.path),
+            f"{len(far)} of {len(stops)} views show the points more than {_STOPS} stops brighter "
+            f"or darker than the median view: {names}",
+            "photograph with fixed exposure, or train with per-image colour correction",
+        )
 
 
 def correlate_colors(scene: Scene, index: int) -> float | None:
@@ -91,46 +106,17 @@ def correlate_colors(scene: Scene, index: int) -> float | None:
         The correlation, or None with too few points or an unreadable photograph.
     """
     seen = _see_points(scene, index)
-    return None if seen is None else seen.correlate()
+    return None if seen is None else _correlate(seen)
 
 
-@dataclasses.dataclass(frozen=True)
-class _SeenPoints:
-    """Points as one view sees them, the nearest first.
-
-    Args:
-        colors: (N, 3) of the points.
-        pixels: (N, 2) where they are seen.
-        image, mask: of the view.
-    """
-
-    colors: np.ndarray
-    pixels: np.ndarray
-    image: np.ndarray
-    mask: np.ndarray
-
-    def correlate(self) -> float | None:
-        """Correlates colours of points and pixels; None with too few points."""
-        height, width = self.mask.shape
-        longer = max(width, height)
-        x, y = np.floor(self.pixels).T.astype(int)
-        rows = np.flatnonzero((x >= 0) & (y >= 0) & (x < width) & (y < height))
-        rows = rows[self.mask[y[rows], x[rows]]]
-        cell = (y[rows] * _CELLS // longer) * (_CELLS + 1) + x[rows] * _CELLS // longer
-        nearest = np.full((_CELLS + 1) ** 2, -1)
-        nearest[cell[::-1]] = rows[::-1]  # the last one written to a cell stays: the nearest
-        first = nearest[nearest >= 0]
-        if len(first) < FEWEST:
-            return None
-        points = self.colors[first].astype(np.float64).ravel()
-        seen = self.image[y[first], x[first]].astype(np.float64).ravel()
-        if points.std() == 0 or seen.std() == 0:
-            return None
-        return float(np.corrcoef(points, seen)[0, 1])
+def _correlate(seen: _Colors) -> float | None:
+    if seen[0].std() == 0 or seen[1].std() == 0:
+        return None
+    return float(np.corrcoef(seen[0].ravel(), seen[1].ravel())[0, 1])
 
 
-def _see_points(scene: Scene, index: int) -> _SeenPoints | None:
-    """Projects the points into a view; None if its photograph cannot be read."""
+def _see_points(scene: Scene, index: int) -> _Colors | None:
+    """Returns colours of points and of a view's pixels (2, N, 3); None with too few of them."""
     camera = scene.camera(index)
     try:
         image, mask = scene.image(index), scene.mask(index)
@@ -140,5 +126,17 @@ def _see_points(scene: Scene, index: int) -> _SeenPoints | None:
     relative = scene.points @ pose[:3, :3].T + pose[:3, 3]
     pixels, valid = camera.project(relative)
     rows = np.flatnonzero(np.asarray(valid, bool))
-    rows = rows[np.argsort(np.linalg.norm(relative[rows], axis=1), kind="stable")]
-    return _SeenPoints(scene.point_colors[rows], pixels[rows], image, mask)
+    rows = rows[np.argsort(-np.linalg.norm(relative[rows], axis=1), kind="stable")]
+    (height, width), longer = mask.shape, max(mask.shape)
+    x, y = np.floor(pixels[rows]).T.astype(int)
+    inside = (x >= 0) & (y >= 0) & (x < width) & (y < height)
+    rows, x, y = rows[inside], x[inside], y[inside]
+    kept = mask[y, x]
+    rows, x, y = rows[kept], x[kept], y[kept]
+    cell = (y * _CELLS // longer) * (_CELLS + 1) + x * _CELLS // longer
+    nearest = np.full((_CELLS + 1) ** 2, -1)
+    nearest[cell] = np.arange(len(cell))  # the last one written to a cell stays: the nearest
+    first = nearest[nearest >= 0]
+    if len(first) < FEWEST:
+        return None
+    return np.stack([scene.point_colors[rows[first]], image[y[first], x[first]]]).astype(np.float64)

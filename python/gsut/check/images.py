@@ -16,7 +16,6 @@ from gsut.run import Progress
 
 _THUMB = 32  # pixels a side of a thumbnail: enough to distinguish two frames of a film
 _BLURRY = 0.3  # share of the dataset's median sharpness below which an image counts as blurred
-_BRIGHTNESS_STOPS = 0.7  # photographic stops away from the dataset's median
 _SATURATED = 0.1  # share of over-exposed pixels from which detail is lost
 _OVER_EXPOSED = 254  # grey level in all channels; JPEG turns 255 into this
 _BLACK = 0.5  # share of black pixels from which an image shows too little
@@ -143,20 +142,14 @@ def _measure_image(scene: Scene, index: int) -> ImageStats:
 
 
 def _find_outliers(stats: list[ImageStats], names: list[str], where: str) -> Iterator[Finding]:
-    """Names blurred, dark, bright, over-exposed, black and masked images."""
+    """Names blurred, over-exposed, black and masked images."""
     brightness = np.array([s.brightness for s in stats])
     sharpness = np.array([s.sharpness for s in stats])
-    stops = np.log2(np.maximum(brightness, 1) / max(np.median(brightness), 1))
     cases = (
         (
             sharpness < _BLURRY * np.median(sharpness),
             f"less than {_BLURRY:.0%} as sharp as the median image",
             "leave blurred images out",
-        ),
-        (
-            np.abs(stops) > _BRIGHTNESS_STOPS,
-            f"more than {_BRIGHTNESS_STOPS} stops brighter or darker than the median image",
-            "photograph with fixed exposure, or train with per-image colour correction",
         ),
         (
             np.array([s.saturated for s in stats]) > _SATURATED,

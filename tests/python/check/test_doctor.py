@@ -188,7 +188,7 @@ def test_diagnose_blurred_dark_and_bright_images_are_named(tmp_path):
     small.write_png(tmp_path / "images/003.png", np.clip(sharp[3] * 4, 0, 255).astype(np.uint8))
     text = texts(tmp_path, "warning")
     assert "as sharp as the median image: images/001.png" in text
-    assert "brighter or darker than the median image: images/002.png, images/003.png" in text
+    assert "brighter or darker than the median view: images/002.png, images/003.png" in text
     assert "over-exposed: images/003.png" in text
 
 
