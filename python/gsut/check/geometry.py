@@ -14,10 +14,8 @@ from gsut.data.points import UNCOLORED, has_colors
 _NO_RAY_MUCH = 0.4  # share of pixels; a 180-degree circle in a square image leaves 0.21
 _NARROWEST = 1.0  # degrees off the axis, which the longest photographic lenses see
 _SAME_PLACE = 1e-6  # of the extent: cameras this near are at one place
-_COLLINEAR = 1e-3  # second over first extent of what lies on one line, or is too small to show
-_FEW_POINTS = 100  # from which a scene can start well
+_LEAST_SPREAD = 1e-3  # of the extent: what is so small beside a path, no photograph shows
 _FAR_FROM_ORIGIN = 1e3  # distance over extent at which float32 coordinates lose about 0.1 mm in 1 m
-_USUAL_EXTENTS = (1e-2, 1e3)  # units; others work but deserve a note
 _POSSIBLE_EXTENTS = (1e-4, 1e5)  # units; others come of a mistake
 _POINT_SPREAD_RANGE = (0.05, 100.0)  # median distance of the points over the extent
 
@@ -77,7 +75,7 @@ def check_lenses(scene: Scene) -> Iterator[Finding]:
 
 
 def check_poses(scene: Scene) -> Iterator[Finding]:
-    """Checks for repeated or collinear cameras, a far origin, up direction and shutter."""
+    """Checks for repeated cameras, a far origin, up direction and shutter."""
     (inform, warn), views = make_reporters(str(scene.path)), scene.views
     centers = np.array([view.camera_center for view in views])
     spread = np.linalg.svd(centers - centers.mean(axis=0), compute_uv=False)
@@ -89,8 +87,6 @@ def check_poses(scene: Scene) -> Iterator[Finding]:
         )
     else:
         yield from _find_repeated_poses(scene, centers, tiny)
-        if len(views) > 2 and spread[1] < _COLLINEAR * spread[0]:
-            yield inform("all cameras stand on one line", "expect weak geometry beside the path")
     distance = float(np.linalg.norm(scene.world_offset))
     if distance > _FAR_FROM_ORIGIN * scene.extent:
         yield inform(
@@ -98,9 +94,8 @@ def check_poses(scene: Scene) -> Iterator[Finding]:
             " if a PLY gave the points as float32, they are rounded to"
             f" {np.spacing(np.float32(distance)):.2g} units"
         )
-    usual, possible = (a < scene.extent < b for a, b in (_USUAL_EXTENTS, _POSSIBLE_EXTENTS))
-    if not usual:
-        yield (inform if possible else warn)(
+    if not _POSSIBLE_EXTENTS[0] < scene.extent < _POSSIBLE_EXTENTS[1]:
+        yield warn(
             f"the cameras' extent is {scene.extent:.3g} units: an unusual scale",
             "check the unit of the poses, and that no camera stands far away",
         )
@@ -157,7 +152,7 @@ def check_points(scene: Scene) -> Iterator[Finding]:
             " poses",
         )
         return
-    if count < _FEW_POINTS:
+    if count < FEWEST:
         yield warn(f"only {count} points", "`gsut depth` gives a denser cloud")
     if not has_colors(scene):
         yield inform(UNCOLORED)
@@ -185,7 +180,7 @@ def check_points(scene: Scene) -> Iterator[Finding]:
     center = np.mean([view.camera_center for view in scene.views], axis=0)
     spread = float(np.median(np.linalg.norm(scene.points - center, axis=1))) / scene.extent
     if not _POINT_SPREAD_RANGE[0] < spread < _POINT_SPREAD_RANGE[1]:
-        yield (warn if spread < _COLLINEAR else inform)(
+        yield (warn if spread < _LEAST_SPREAD else inform)(
             f"the points' median distance is {spread:.3g} x the cameras' extent",
             "usual for cameras that turn on the spot; otherwise points and poses may have "
             "different units",

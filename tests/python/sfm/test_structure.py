@@ -430,14 +430,9 @@ def test_poses_command_bad_images_get_one_clear_sentence(case, words, tmp_path, 
 
 def test_poses_command_wrong_lens_is_doubted(some_sponza, solved_sponza, tmp_path):
     gsut.save_camera(gsut.Camera("pinhole", [240, 240, 240, 240], 480, 480), tmp_path / "lens.yaml")
-    notes: list[str] = []
-    result = find_poses(
-        some_sponza[0],
-        tmp_path / "out",
-        camera=tmp_path / "lens.yaml",
-        log=PosesLog(on_note=notes.append),
-    )
-    assert any("the lens is probably not that of the images" in note for note in notes)
+    result = find_poses(some_sponza[0], tmp_path / "out", camera=tmp_path / "lens.yaml")
+    verdict = result.figures["verdict"]
+    assert verdict["level"] == "poor" and "--unknown-lens" in verdict["advice"]
     assert result.figures["matches_in_points"] < 0.5  # observed 0.36 on 8 of these images
     right = json.loads((solved_sponza / "poses.json").read_text())
     assert right["matches_in_points"] > 0.85  # observed 0.92

@@ -12,7 +12,6 @@ from gsut.lens import with_scaled_focal
 from gsut.run import Verdict
 from gsut.sfm.lens.candidates import explain_implausible, list_lens_ladder, make_lens
 from gsut.sfm.lens.critical_motion import find_critical_motion
-from gsut.sfm.lens.doubt import describe_doubt
 from gsut.sfm.lens.information import spread_free_parameters
 from gsut.sfm.lens.ranking import LensRanking
 from gsut.sfm.lens.search import search_lens
@@ -134,14 +133,6 @@ def test_critical_motion_straight_flight_and_plane_are_named(walk):
 
 def doubt(sigma, motion=None):
     return Findings(focal_sigma=sigma, motion=motion)
-
-
-def test_lens_doubt_speaks_where_the_focal_length_is_open():
-    assert describe_doubt(Findings()) is None
-    assert describe_doubt(doubt(0.005)) is None
-    assert "to 6.0 %" in describe_doubt(doubt(0.03))
-    assert "not at all" in describe_doubt(doubt(math.inf))
-    assert "straight" in describe_doubt(doubt(0.001, "the camera moved straight on"))
 
 
 def many(solution):

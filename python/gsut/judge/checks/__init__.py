@@ -3,11 +3,10 @@
 from gsut.judge.checks.check import NOT_GOOD, UNUSABLE, Check, combine_verdicts, find_faults, judge
 from gsut.judge.checks.pictures import PICTURE_CHECKS, PictureQuality, judge_pictures
 from gsut.judge.checks.poses import (
-    FEW_AGREE,
     FOCAL_LIMIT,
+    IMPOSSIBLE_TURN,
     POSES_CHECKS,
     PosesQuality,
-    has_bent,
     judge_poses,
 )
 from gsut.judge.checks.training import TRAINING_CHECKS, judge_training

@@ -14,7 +14,7 @@ FOCAL_LIMIT = 0.02
 _PROBABLE = 0.6745  # standard deviations that an error exceeds as often as not
 # Share of the verified matches that observe one point, below which a given lens is doubted: the
 # right one mostly has more, and a wrong one leaves a third; and below which poses are poor.
-FEW_AGREE = 0.4
+_FEW_AGREE = 0.4
 _HARDLY_AGREE = 0.25
 _SOME_LOST = 0.05  # share of the images without a pose above which a result is usable at most
 _MANY_LOST = 0.4  # the same above which it is poor
@@ -22,9 +22,7 @@ _FEWEST = 6  # images with a pose: with fewer, hardly anything would show that p
 # Root mean square turn of images during their readout, in radians, that is more than hands turn a
 # camera: the scene may have bent (Albl et al., "Degeneracies in rolling shutter SfM", ECCV 2016).
 _FAST_TURN = 0.087
-_IMPOSSIBLE_TURN = 0.2  # the same that is more than any motion
-# Share of the matches that agree below which a scene with fast turns has bent.
-_AGREEING_FAST = 0.87
+IMPOSSIBLE_TURN = 0.2  # the same that is more than any motion
 
 _ESTIMATE_LENS = "let the lens be estimated: --unknown-lens"
 _ADD_BETWEEN = "take more pictures between them, each showing two thirds of the one before"
@@ -113,19 +111,15 @@ def _describe_error(q: PosesQuality) -> str:
 def _choose_step_on_error(q: PosesQuality) -> str:
     if q.lens_px > q.scale * q.halves_px[0]:
         return "give the lens by --camera or --fov, or turn the camera more while you walk"
-    return _choose_step_on_matches(q) if q.agreement < FEW_AGREE else _ADD_BETWEEN
+    return _choose_step_on_matches(q) if q.agreement < _FEW_AGREE else _ADD_BETWEEN
 
 
 def _choose_step_on_matches(q: PosesQuality) -> str:
-    """Names a step where matches fit neither lens nor poses."""
-    is_doubtful = q.focal_sigma is None and q.readout_turn is None
-    return _ESTIMATE_LENS if is_doubtful else _choose_step_on_pairs(q)
-
-
-def _choose_step_on_pairs(q: PosesQuality) -> str:
-    """Names a step where pairs of images fit each other and not the poses."""
+    """Names a step where matches do not fit the poses."""
     if q.readout_turn is not None:
         return _ADD_TURNED
+    if q.focal_sigma is None and q.agreement < _FEW_AGREE:
+        return _ESTIMATE_LENS
     return (
         "give --shutter rolling if the camera moved fast, or put up something that sets places "
         "apart which look alike"
@@ -156,7 +150,7 @@ POSES_CHECKS: tuple[Check[PosesQuality], ...] = (
         "take 60 pictures or more, walking around what you want to see", is_visible=True,
     ),
     Check(
-        "turn during the readout", lambda q: q.readout_turn or 0.0, _FAST_TURN, _IMPOSSIBLE_TURN,
+        "turn during the readout", lambda q: q.readout_turn or 0.0, _FAST_TURN, IMPOSSIBLE_TURN,
         lambda q: f"images seem to turn by {math.degrees(q.readout_turn or 0):.0f} degrees while "
         "they are read",
         _ADD_TURNED,
@@ -165,10 +159,10 @@ POSES_CHECKS: tuple[Check[PosesQuality], ...] = (
         "rejected pairs", lambda q: q.contradicted, 0.05, 0.05,
         lambda q: f"the poses reject all matches of {100 * q.contradicted:.0f} % of the pairs of "
         "images",
-        _choose_step_on_pairs,
+        _choose_step_on_matches,
     ),
     Check(
-        "agreement", lambda q: 1 - q.agreement, 1 - FEW_AGREE, 1 - _HARDLY_AGREE,
+        "agreement", lambda q: 1 - q.agreement, 1 - _FEW_AGREE, 1 - _HARDLY_AGREE,
         lambda q: f"only {100 * q.agreement:.0f} % of the matches agree in all images together",
         _choose_step_on_matches, is_visible=True,
     ),
@@ -192,12 +186,3 @@ def judge_poses(quality: PosesQuality) -> Verdict:
         f"by {quality.median_px:.2f} px in the median"
     )
     return judge(POSES_CHECKS, quality, what, "gsut train")
-
-
-def has_bent(readout_turn: float | None, agreement: float | None) -> bool:
-    """Returns whether motion during the readout has probably bent the scene; see `PosesQuality`."""
-    if readout_turn is None or agreement is None:
-        return False
-    return readout_turn > _IMPOSSIBLE_TURN or (
-        readout_turn > _FAST_TURN and agreement < _AGREEING_FAST
-    )

@@ -3,7 +3,7 @@
 from gsut.sfm.lens.cameras import search_lenses
 from gsut.sfm.lens.candidates import guess_lenses
 from gsut.sfm.lens.center import free_center
-from gsut.sfm.lens.doubt import describe_cameras, describe_doubt, judge_lens
+from gsut.sfm.lens.doubt import describe_cameras, judge_lens
 from gsut.sfm.lens.information import (
     GROUPS,
     WeightedObservations,

@@ -14,7 +14,7 @@ from gsut.sfm.lens.covariance import estimate_lens_sigmas
 from gsut.sfm.lens.critical_motion import find_critical_motion
 from gsut.sfm.lens.given import check_given_lens
 from gsut.sfm.lens.prior import estimate_focal_sigma, weigh_focal_prior
-from gsut.sfm.mapping import Findings, Mapping
+from gsut.sfm.mapping import Mapping
 from gsut.sfm.solution import LensFlags, Solution, StatedTurns, index_lenses
 
 
@@ -69,24 +69,6 @@ def _measure_focal_sigma(
     estimated = [c for c, f in zip(lenses.cameras, lenses.free, strict=True) if f is not None]
     sigma = max(float(own[0] / lens.params[0]) for own, lens in zip(sigmas, estimated, strict=True))
     return sigma, sigmas
-
-
-def describe_doubt(found: Findings) -> str | None:
-    """Describes what leaves an estimated lens open; None if it is known well enough."""
-    if found.focal_sigma is None:
-        return None
-    if found.focal_sigma <= FOCAL_LIMIT and found.motion is None:
-        return None
-    known = f"to {200 * found.focal_sigma:.1f} %" if 2 * found.focal_sigma <= 0.5 else "not at all"
-    if found.motion:
-        return (
-            f"{found.motion}; by the errors of the features alone the focal length is known "
-            f"{known} (two standard deviations)"
-        )
-    return (
-        f"these images determine the focal length {known} (two standard deviations); give "
-        "--camera or --fov if you know the lens"
-    )
 
 
 def describe_cameras(mapping: Mapping) -> list[str]:

@@ -7,9 +7,9 @@ import math
 from collections.abc import Sequence
 
 from gsut.data import list_some
-from gsut.judge.checks import FEW_AGREE, PosesQuality, has_bent, judge_poses
+from gsut.judge.checks import PosesQuality, judge_poses
 from gsut.run import Verdict
-from gsut.sfm.lens import describe_cameras, describe_doubt
+from gsut.sfm.lens import describe_cameras
 from gsut.sfm.mapping import Findings, Mapping
 from gsut.sfm.matches import measure_pictures
 from gsut.sfm.photographs import Features
@@ -47,7 +47,6 @@ def judge_solution(solution: Solution, features: Sequence[Features], found: Find
 def list_notes(mapping: Mapping) -> list[str]:
     """Lists what a user should know of the poses, one sentence each."""
     solution, found = mapping.solved, mapping.found
-    agreement, is_lens_known = found.agreement, found.figures["lens"] == "known"
     notes = describe_cameras(mapping)
     notes += found.rig.notes if found.rig is not None else []
     elsewhere = {name for model in found.models for name in model.registered_names}
@@ -56,24 +55,5 @@ def list_notes(mapping: Mapping) -> list[str]:
         notes.append(
             f"{len(solution.names) - len(without)} of {len(solution.names)} images were "
             f"registered; without a pose: {list_some(without)}"
-        )
-    doubt = describe_doubt(found)
-    if doubt is not None:
-        notes.append(doubt)
-    if agreement is None:
-        return notes
-    if has_bent(solution.readout_turn, agreement):
-        notes.append(
-            f"images seem to turn by {math.degrees(solution.readout_turn or 0):.0f} degrees while "
-            f"they are read, and {100 * agreement:.0f} % of the matches agree in all images "
-            "together; the scene has bent with the motion during the readout, which few images "
-            "held alike do not reveal: add images, some turned by 90 degrees about the axis of the "
-            "lens, or give --readout-time for a video"
-        )
-    elif is_lens_known and agreement < FEW_AGREE:
-        notes.append(
-            f"only {100 * agreement:.0f} % of the matches that agree pair by pair agree in all "
-            "images together; the lens is probably not that of the images: check it, or let it be "
-            "estimated with --unknown-lens"
         )
     return notes

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from gsut._core import SolveError
-from gsut.judge.checks import UNUSABLE, has_bent
+from gsut.judge.checks import IMPOSSIBLE_TURN, UNUSABLE
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.solution import (
     Adjustment,
@@ -66,7 +66,7 @@ def _is_better(mapping: Mapping, current: Solution, rival: Solution, more_free: 
 
     Images that turn as no camera does while they are read are impossible, whatever they explain.
     """
-    bent, also = (has_bent(each.readout_turn, agreement=1.0) for each in (current, rival))
+    bent, also = ((each.readout_turn or 0.0) > IMPOSSIBLE_TURN for each in (current, rival))
     prior = 0.0 if bent == also else math.inf if bent else -math.inf
     pairs, features = mapping.pairs, mapping.features
     return compare_solutions(current, rival, features, pairs, more_free, prior).is_rival
