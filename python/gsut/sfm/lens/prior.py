@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 
@@ -14,7 +15,14 @@ from gsut.sfm.lens.candidates import guess_lens
 from gsut.sfm.lens.covariance import estimate_focal_spread
 from gsut.sfm.lens.information import GROUPS
 from gsut.sfm.mapping import Mapping
-from gsut.sfm.solution import Adjustment, LensFlags, Solution, adjust_registered
+from gsut.sfm.matches import keep_most_distinct
+from gsut.sfm.solution import (
+    Adjustment,
+    LensFlags,
+    ReadoutMotion,
+    Solution,
+    adjust_registered,
+)
 from gsut.significance import convert_to_normal
 
 # Standard deviation of the logarithm of a focal length by --fov, which is a rough field of view,
@@ -23,6 +31,8 @@ _STATED = 0.05
 # Fewest images of which some can be left out and the others still determine a lens: how well it is
 # known cannot be measured with fewer.
 _FEWEST_IMAGES = 4
+# Most images that are adjusted anew without a group: of more, one linear step says as much.
+_MOST_ADJUSTED = 30
 # Share of the prior's standard deviation below which the images alone know better.
 _NEGLIGIBLE = 0.1
 
@@ -126,6 +136,29 @@ def estimate_focal_sigma(mapping: Mapping, flags: LensFlags, features_sigma: flo
     images: what features share, a shutter, a lens of another shape and wrong matches hardly raise
     the residuals. Infinite for fewer than four images. Of several lenses that of the least known.
     """
-    if mapping.solved.num_registered < _FEWEST_IMAGES:
+    solution = mapping.solved
+    if solution.num_registered < _FEWEST_IMAGES:
         return math.inf
-    return max(features_sigma, estimate_focal_spread(mapping.solved, flags, mapping.turns))
+    is_one = isinstance(flags, np.ndarray) and mapping.photographs.frames is None
+    if is_one and solution.num_registered <= _MOST_ADJUSTED:
+        return max(features_sigma, _adjust_without_groups(mapping, flags))
+    return max(features_sigma, estimate_focal_spread(solution, flags, mapping.turns))
+
+
+def _adjust_without_groups(mapping: Mapping, flags: LensFlags) -> float:
+    """Measures what `estimate_focal_spread` does, by adjusting: few images are far from linear."""
+    solution, logs = mapping.solved, []
+    pairs, images = keep_most_distinct(mapping.pairs), np.flatnonzero(solution.registered)
+    adjustment = Adjustment(
+        flags, lens_settled=True, motion=ReadoutMotion.hold(solution), covariances=False,
+        turns=mapping.turns,
+    )  # fmt: skip
+    for group in np.array_split(images, min(GROUPS, len(images))):
+        registered = solution.registered & ~np.isin(np.arange(len(solution.names)), group)
+        start = dataclasses.replace(solution, registered=registered)
+        with contextlib.suppress(SolveError):  # too few are left
+            found = adjust_registered(
+                start, mapping.features, pairs, mapping.options, adjustment=adjustment
+            )
+            logs.append(math.log(find_focal(found)))
+    return math.sqrt((len(logs) - 1) * float(np.var(logs))) if len(logs) > 1 else math.inf
