@@ -154,7 +154,7 @@ class WeightedObservations:
 
     @property
     def curvature(self) -> float:
-        """Curvature of Cauchy's loss, over that of the weighted squares."""
+        """Returns the curvature of Cauchy's loss over that of the weighted squares."""
         weight = self.weight[:, 0, 0] ** 2
         # psi = w r; over all directions of a residual r in the plane its mean derivative is w^2.
         return float(np.mean(weight**2)) / float(np.mean(weight))
