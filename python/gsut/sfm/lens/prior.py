@@ -32,7 +32,7 @@ _STATED = 0.05
 # known cannot be measured with fewer.
 _FEWEST_IMAGES = 4
 # Most images that are adjusted anew without a group: of more, one linear step says as much.
-_MOST_ADJUSTED = 30
+_MOST_ADJUSTED = 45
 # Share of the prior's standard deviation below which the images alone know better.
 _NEGLIGIBLE = 0.1
 
