@@ -238,9 +238,12 @@ def _one_view_scene(scene: BenchScene) -> Any:
     _core.Renderer().render(scene.gaussians, job, image)
     pixels = (np.clip(image, 0.0, 1.0) * 255.0 + 0.5).astype(np.uint8)
     valid = np.asarray(camera.rays()[1], bool)
+    view = SimpleNamespace(
+        name="0", motion=scene.camera_from_world, camera_index=0, depth_path=None
+    )
     return SimpleNamespace(
         path="bench", cameras=[camera], train_indices=[0], test_indices=[], extent=1.0,
-        views=[SimpleNamespace(name="0", motion=scene.camera_from_world, camera_index=0)],
+        views=[view],
         points=np.eye(_SEEDS, 3), point_colors=np.eye(_SEEDS, 3, dtype=np.uint8),
         camera=lambda index: camera, image=lambda index: pixels, mask=lambda index: valid,
         alpha=lambda index: None,

@@ -113,7 +113,7 @@ def _diagnose_scene(scene: Scene, progress: bool) -> list[Finding]:
         *check_seams(scene),
         *check_images(scene, progress=progress),
         *(
-            Finding("warning", where, str(error), "training with --surface stops there")
+            Finding("warning", where, str(error), "training stops there: mend it, or leave it out")
             for error in find_bad_depths(scene)
         ),
         *check_colors(scene, progress=progress),

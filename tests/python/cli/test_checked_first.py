@@ -171,11 +171,13 @@ def test_a_depth_file_that_training_would_stop_at_is_found_before_the_first_step
     (data / "depth.npy").write_bytes(b"damaged")
     monkeypatch.setattr(importlib.import_module("gsut.train"), "TrainingLoop", spend)
     line = ["train", str(data), "-o", str(tmp_path / "out"), "--steps", "2", "--force"]
-    assert main([*line, "--surface"]) == 2
-    assert "depth.npy" in capsys.readouterr().err
-    line[3] = str(tmp_path / "without")
-    with pytest.raises(SpentError):
-        main(line)
+    for more in ([], ["--surface"]):
+        assert main([*line, *more]) == 2
+        assert "depth.npy" in capsys.readouterr().err
     main(["doctor", str(data)])
     said = capsys.readouterr().out
-    assert any("depth.npy" in row and "--surface" in row for row in said.splitlines())
+    assert any("depth.npy" in row and "training stops there" in row for row in said.splitlines())
+    del values["frames"][-1]["depth_file_path"]
+    file.write_text(json.dumps(values))
+    with pytest.raises(SpentError):
+        main(line)

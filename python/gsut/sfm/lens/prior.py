@@ -31,8 +31,9 @@ _STATED = 0.05
 # Fewest images of which some can be left out and the others still determine a lens: how well it is
 # known cannot be measured with fewer.
 _FEWEST_IMAGES = 4
-# Most images that are adjusted anew without a group: of more, one linear step says as much.
-_MOST_ADJUSTED = 45
+# Most images that are adjusted anew without a group. Of more, one linear step must do, which says a
+# third of it at worst.
+_MOST_ADJUSTED = 100
 # Share of the prior's standard deviation below which the images alone know better.
 _NEGLIGIBLE = 0.1
 
