@@ -10,12 +10,7 @@ import numpy as np
 
 from gsut._core import SolveError
 from gsut.gaussians import find_rotation_vectors
-from gsut.sfm.gyroscope.calibration import (
-    BIAS_SIGMA,
-    TurnCalibration,
-    calibrate_turns,
-)
-from gsut.sfm.gyroscope.curve import TurnCurve
+from gsut.sfm.gyroscope.calibration import BIAS_SIGMA, TurnCalibration, calibrate_turns
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.solution import (
     MIN_INLIERS,
@@ -50,16 +45,17 @@ def use_gyroscope(mapping: Mapping) -> Mapping:
         "explained": {source: each.explained for source, each in found.items()}, "used": None,
     }  # fmt: skip
     source = _choose_record(found)
-    if source is None:
-        mapping.log.note(
-            "the gyroscope's record does not explain how the poses turn, and is not used: the "
-            "picture was stabilised in the camera, the film was cut, or the camera hardly turned"
-        )
-        return mapping.replace(turns=None).add_findings({"gyroscope": figures})
-    held = hold_near_record(mapping, found[source])
-    if held is None:
-        mapping.log.note("the gyroscope's record is not used: the pictures contradict it")
-        return mapping.replace(turns=None).add_findings({"gyroscope": figures})
+    held = None if source is None else hold_near_record(mapping, found[source])
+    if source is None or held is None:
+        reason = "the pictures contradict it" if source else (
+            "it does not explain how the poses turn: the picture was stabilised in the camera, the "
+            "film was cut, or the camera hardly turned"
+        )  # fmt: skip
+        mapping.log.note(f"the gyroscope's record is not used: {reason}")
+        # Poses that were held near it are adjusted without.
+        bare = None if mapping.turns is None else _adjust(mapping, None)
+        mapping = mapping.replace(solution=bare or mapping.solved, turns=None)
+        return mapping.add_findings({"gyroscope": figures})
     mapping, calibration = held
     figures |= _describe(calibration, source)
     name = "gyroscope" if source == "gyroscope" else "record of its orientation"
@@ -90,22 +86,18 @@ def hold_near_record(
 ) -> tuple[Mapping, TurnCalibration] | None:
     """Adjusts near a record that fits; None where the pictures contradict it.
 
-    Poses that pictures alone determine badly differ from the record by more than its own error,
-    which shows once it has taken part: it is calibrated again, and everything adjusted again.
+    The record weighs by what the poses without it left of the turns, the errors of both: what poses
+    leave that follow it is smaller than its own error.
 
     Returns:
         The run with solution and turns, and the calibration by its poses.
     """
-    held = mapping.solved
-    for is_last in (False, True):
-        turns = _state_turns(mapping, held, calibration)
-        adjusted = _adjust(mapping, held, turns, is_last)
-        again = adjusted and _calibrate(mapping, adjusted, calibration.rates)
-        if not adjusted or not again or not _is_fitting(again):
-            return None
-        calibration, held = again, adjusted
-    turns = _state_turns(mapping, held, calibration)
-    return mapping.replace(solution=held, turns=turns), calibration
+    held = _adjust(mapping, _state_turns(mapping, mapping.solved, calibration))
+    again = held and _calibrate(mapping, held, calibration.rates)
+    if not held or not again or not _is_fitting(again):
+        return None
+    again = dataclasses.replace(again, sigma=calibration.sigma)
+    return mapping.replace(solution=held, turns=_state_turns(mapping, held, again)), again
 
 
 def sharpen_rates(
@@ -127,14 +119,13 @@ def sharpen_rates(
         return velocities
     rates, spread = (each.copy() for each in velocities)
     times = list_times(mapping)
-    begin, end = times + found.offset - _MOMENT / 2, times + found.offset + _MOMENT / 2
     known = np.isfinite(rates).all(axis=1) & np.isfinite(times)
-    axes, recorded = found.camera_from_sensor, np.full((len(rates), 3), np.nan)
-    curve = TurnCurve(mapping.photographs.turns["gyroscope"], found.bias)
-    turns = axes @ curve.find_turns(begin[known], end[known]).rotations @ axes.T
-    recorded[known] = find_rotation_vectors(turns) / (_MOMENT * found.scale)
+    recorded = np.full((len(rates), 3), np.nan)
+    about = times[known, None] + _MOMENT / 2 * np.array([-1, 1])
+    recorded[known] = find_rotation_vectors(found.find_turns(about)) / _MOMENT
     known &= np.isfinite(recorded).all(axis=1)
     # The bias is as the sensor has it; what its noise adds is far below it.
+    axes = found.camera_from_sensor
     error = axes @ np.diag(found.sigmas[:3] ** 2) @ axes.T
     turned = spread[known][:, :, 3:]
     gain = turned @ np.linalg.inv(turned[:, 3:] + error)
@@ -190,21 +181,19 @@ def _state_turns(mapping: Mapping, solution: Solution, found: TurnCalibration) -
     )  # fmt: skip
 
 
-def _adjust(
-    mapping: Mapping, start: Solution, turns: StatedTurns, is_last: bool
-) -> Solution | None:
-    """Adjusts near recorded turns; None where that fails or the pictures contradict them.
+def _adjust(mapping: Mapping, turns: StatedTurns | None) -> Solution | None:
+    """Adjusts near recorded turns, if any; None if that fails or the pictures contradict them.
 
     A pose whose turn is known is held by half as many points.
     """
     solution = mapping.solved
     adjustment = Adjustment(
-        mapping.lens_free, lens_settled=True, covariances=is_last, extend=is_last,
-        motion=ReadoutMotion.hold(start), turns=turns, min_inliers=MIN_INLIERS // 2,
+        mapping.lens_free, lens_settled=True, extend=True,
+        motion=ReadoutMotion.hold(solution), turns=turns, min_inliers=MIN_INLIERS // 2,
     )  # fmt: skip
     try:
         held = adjust_registered(
-            start, mapping.features, mapping.pairs, mapping.options,
+            solution, mapping.features, mapping.pairs, mapping.options,
             mapping.log.follow_steps("mapping"), adjustment,
         )  # fmt: skip
     except SolveError:
@@ -212,7 +201,7 @@ def _adjust(
     if held.num_registered < _AGREE * solution.num_registered:
         return None
     bare = keep_images(solution, held.registered)
-    free = 3 * len(turns.images)
+    free = 0 if turns is None else 3 * len(turns.images)
     contradicted = compare_solutions(held, bare, mapping.features, mapping.pairs, free).is_rival
     return None if contradicted else dataclasses.replace(held, restarts=solution.restarts)
 
