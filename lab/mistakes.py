@@ -358,7 +358,7 @@ def _depths(change: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> Callable:
 
     def make(values: Values, folder: Path) -> bool:
         depths = (folder / "images").resolve().parent / "depth"
-        if not depths.is_dir():
+        if not any(depths.glob("*.txt")):
             return False
         camera = gsut.load_dataset(write(values, folder, True)).cameras[0]
         rays = np.array(camera.rays()[0], np.float64)

@@ -54,13 +54,14 @@ def pack_file(made: Path, shipped: Path) -> None:
 
 
 def is_same_file(made: Path, shipped: Path) -> bool:
-    """Compares pixels of pictures, bytes of other files."""
+    """Compares pixels of pictures, bytes of others; a YAML's head follows OpenCV's version."""
     if not shipped.is_file():
         shipped = shipped.with_suffix(".webp")
     if not shipped.is_file():
         return False
     if made.suffix != ".png":
-        return made.read_bytes() == shipped.read_bytes()
+        own, other = (path.read_bytes().split(b"\n---\n")[-1] for path in (made, shipped))
+        return own == other
     pictures = [cv2.imread(str(path), cv2.IMREAD_UNCHANGED) for path in (made, shipped)]
     return pictures[0].dtype == pictures[1].dtype and np.array_equal(*pictures)
 
@@ -69,7 +70,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m lab.demo_tracer", description=__doc__)
     parser.add_argument("--check", action="store_true", help="compare only; exit status 1: differ")
     arguments = parser.parse_args()
-    wrong, total = [], 0
+    wrong = []
     with tempfile.TemporaryDirectory() as temporary:
         trace_scenes(Path(temporary))
         for name in DEMO_SCENES:
@@ -82,10 +83,8 @@ def main() -> int:
                 f"{name}/{file}" for file in list_files(made)
                 if not is_same_file(made / file, shipped / file)
             ]  # fmt: skip
-            total += sum(path.stat().st_size for path in shipped.rglob("*") if path.is_file())
     for file in wrong:
         print(f"differs: {file}")
-    print(f"{total} bytes in {SHIPPED}", file=sys.stderr)
     return bool(wrong)
 
 

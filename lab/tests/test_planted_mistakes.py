@@ -36,7 +36,6 @@ def test_each_usual_mistake_is_named(hall, tmp_path):
             wanted = SAID if row["mistake"] in NOT_NAMED else NAMED
             assert row["verdict"] == wanted, row["mistake"]
     assert verdicts[NAMED] >= 25
-    assert len(MISTAKES) >= 25
 
 
 def test_one_pose_far_away_is_named(hall, tmp_path):
