@@ -69,6 +69,11 @@ def read_depth(scene: Scene, view: int, path: Path | None = None) -> np.ndarray 
     return depth
 
 
+def has_depths(scene: Scene) -> bool:
+    """Returns whether training views have depth files."""
+    return any(scene.views[i].depth_path is not None for i in scene.train_indices)
+
+
 def find_bad_depths(scene: Scene) -> Iterator[InputError]:
     """Reads the depth files of all views; yields why one cannot be used."""
 

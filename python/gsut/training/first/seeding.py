@@ -11,7 +11,7 @@ import numpy as np
 from gsut._core import InputError
 from gsut.data import Scene
 from gsut.data.points import color_points, has_colors
-from gsut.data.scene import read_depth
+from gsut.data.scene import has_depths, read_depth
 from gsut.gaussians import (
     Gaussians,
     choose_points,
@@ -61,7 +61,7 @@ def choose_first_gaussians(scene: Scene, options: TrainOptions) -> tuple[Gaussia
     found = _find_points_to_seed(scene, options, 0 if sky is None else len(sky[0]))
     notes = [] if sky is None else [describe_sky(len(sky[0]))]
     if found is not None:
-        where = "at known depths" if _has_depths(scene) else "where photographs agree"
+        where = "at known depths" if has_depths(scene) else "where photographs agree"
         notes.append(
             f"{len(found[0])} of the first Gaussians lie {where}, beside {len(scene.points)} "
             "points of the data."
@@ -75,20 +75,15 @@ def _find_points_to_seed(scene: Scene, options: TrainOptions, sky: int) -> Color
     o, given = options, len(scene.points)
     if o.init != "auto":
         return None
-    has_depths = _has_depths(scene)
-    most = _MOST_FREE if has_depths else _STEREO_COUNT
+    by_files = has_depths(scene)  # depth files add to the points, and not stereo
+    most = _MOST_FREE if by_files else _STEREO_COUNT
     most = min(most, round(_STEREO_SHARE * o.max_gaussians))
     count = min(most - _STEREO_PER_POINT * given, o.max_gaussians - given - sky)
     if count <= 0 or measure_coverage(scene) >= _COVERED:
         return None
-    if has_depths:
+    if by_files:
         return _find_points_by_depth(scene, count, o.seed)
     return find_points_by_stereo(scene, count, o.seed)
-
-
-def _has_depths(scene: Scene) -> bool:
-    """Returns whether depth files of training views, and not stereo, add to the points."""
-    return any(scene.views[i].depth_path is not None for i in scene.train_indices)
 
 
 def _find_points_by_depth(scene: Scene, most: int, seed: int) -> Colored | None:

@@ -13,7 +13,7 @@ import numpy as np
 from gsut._core import InputError
 from gsut.check import check_depths
 from gsut.data import Scene
-from gsut.data.scene import find_bad_depths, find_visible_points, read_depth
+from gsut.data.scene import find_bad_depths, find_visible_points, has_depths, read_depth
 
 # Share of the weight that is left at the last step (3DGS's depth regularisation).
 _LAST = 0.01
@@ -49,7 +49,7 @@ class KnownDepth:
     """
 
     def __init__(self, scene: Scene) -> None:
-        self.by_files = any(scene.views[i].depth_path is not None for i in scene.train_indices)
+        self.by_files = has_depths(scene)
         self._seen: dict[int, tuple[np.ndarray, np.ndarray]] = {}
 
     def map(self, scene: Scene, view: int, camera: Any) -> np.ndarray | None:
