@@ -12,14 +12,15 @@ from gsut.gaussians import count_bytes_per_gaussian
 from gsut.run import BlockOptions, TrainOptions, format_size, free_memory
 from gsut.run.options import Recipe
 
+# Share of all Gaussians that the coarse model of few blocks has: blocks need room to grow.
+_COARSE_GAUSSIANS = 0.8
 # Gaussians of the coarse model, x those of a block: what fits into its memory with its context.
 _COARSE_BLOCKS = 3.3
 # Share of all steps that the coarse model is trained for: blocks refine it.
 _COARSE_STEPS = 0.6
 # Size of the coarse model's images relative to the scene's.
 _COARSE_SCALE = 0.5
-# Share of a block's Gaussians that it begins with, if the scene has points, and of all Gaussians
-# that the coarse model of few blocks has; the others grow.
+# Share of a block's Gaussians that it begins with, if the scene has points; the others grow.
 SEEDED = 0.8
 # Fewest steps of the coarse model and of a block: fewer do not settle.
 _FEWEST_STEPS = 50
@@ -119,7 +120,7 @@ def choose_coarse_scale(scene: Scene) -> float:
 def make_coarse_options(options: TrainOptions, blocks: int) -> TrainOptions:
     """Returns the options of the coarse model."""
     most = options.most_gaussians
-    share = min(SEEDED, _COARSE_BLOCKS / blocks)
+    share = min(_COARSE_GAUSSIANS, _COARSE_BLOCKS / blocks)
     few = min(most, max(_FEWEST_GAUSSIANS, round(share * most)))
     steps = max(_FEWEST_STEPS, round(_COARSE_STEPS * options.steps))
     return dataclasses.replace(options, max_gaussians=few, steps=steps)

@@ -23,11 +23,13 @@ _MOST_STEP = 0.008
 _LOST_STEP = 0.15
 # Motion between chosen frames, x the diagonal, if their number allows it.
 _CHOSEN_STEP = 0.05
-# Frames that are chosen if there are candidates: fewer make a poor scene, more add little.
-_FRAMES = (60, 300)
+# Fewest frames that are chosen if there are candidates: fewer make a poor scene.
+_FEWEST = 60
 # Fewest candidates of a video that has as many frames: poses need that many, and corners cannot be
 # followed through a slide show.
 FEWEST_CANDIDATES = 20
+# Most frames that are chosen: more take long and add little.
+_MOST = 300
 # Corners that are tracked; more do not change their median.
 _CORNERS = 200
 # Corners below which motion cannot be measured: a blank wall, darkness.
@@ -184,7 +186,7 @@ def choose_frames(candidates: Sequence[Candidate], count: int | None = None) -> 
     """
     way = np.cumsum([c.moved for c in candidates])
     if count is None:
-        count = int(np.clip(round(way[-1] / _CHOSEN_STEP) + 1, *_FRAMES))
+        count = int(np.clip(round(way[-1] / _CHOSEN_STEP) + 1, _FEWEST, _MOST))
     if count >= len(candidates):
         return list(range(len(candidates)))
     sharp = np.array([c.sharpness for c in candidates])

@@ -45,7 +45,8 @@ _LARGEST = 2**23 - 1  # of a position, in steps
 _MOST_FRACTIONAL_BITS = 24
 _ROUNDING = 1 / 16  # of positions, in sizes of the median Gaussian: below what a view shows
 _MOST_FAR = 0.01  # share of the scene that may lie too far for this rounding
-_LOG_SCALES = (10.0, 16.0)  # byte = (log scale + 10) 16
+_LOG_SCALE_STEPS = 16.0  # byte = (log scale + 10) 16
+_LOG_SCALE_ZERO = 10.0  # of the same formula
 _COLOR_SCALE = 0.15  # byte = 255 (0.15 harmonic + 0.5)
 # Harmonics lie on every second of the 256 steps from -1 to 1. Other writers keep 5 and 4 bits:
 # files a third smaller, with an error that shows in a view.
@@ -78,7 +79,7 @@ def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written
     positions = steps.reshape(-1, 1).view(np.uint8)[:, :3]
     alphas, _ = to_bytes(255 * opacity_from_logits(g.opacity_logits))
     colors, clipped["color"] = to_bytes(255 * (_COLOR_SCALE * g.sh[:, 0].astype(np.float64) + 0.5))
-    scales, clipped["scale"] = to_bytes(_LOG_SCALES[1] * (g.log_scales + _LOG_SCALES[0]))
+    scales, clipped["scale"] = to_bytes(_LOG_SCALE_STEPS * (g.log_scales + _LOG_SCALE_ZERO))
     rotations = _pack_rotations(g.quats)
     harmonics, clipped["harmonics"] = _pack_harmonics(g.sh[:, 1:])
     planes = [
@@ -190,7 +191,7 @@ def _read(path: Path) -> SceneFile:
     gaussians = Gaussians(
         means.astype(np.float32),
         _unpack_rotations(rotations, layout.version),
-        scales.reshape(n, 3) / _LOG_SCALES[1] - _LOG_SCALES[0],
+        scales.reshape(n, 3) / _LOG_SCALE_STEPS - _LOG_SCALE_ZERO,
         logits_from_opacity(alphas / 255),
         np.concatenate([constant, rest], axis=1),
     )

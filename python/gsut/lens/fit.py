@@ -17,9 +17,11 @@ from gsut.lens.fit_spline import fit_spline
 
 CONTROL_COLUMNS = 16  # control points across the image, of a splined lens
 _MOST_PARAMS = 64
-_ENDS = (300, 1e-9)  # steps, and the gain of the cost in one, at which the search ends
-_ENDS_WIDENING = (60, 1e-6)  # the same while the field still widens: where the next one starts
+_MAX_STEPS = 300
+_STEPS_WIDENING = 60  # while the field still widens
+_LEAST_GAIN = 1e-9  # of the cost in a step, below which the search ends
 _GOOD_PX = 1e-4  # root mean square with which no other start is tried
+_GAIN_WIDENING = 1e-6  # the same while the field still widens: where the next one starts
 
 
 @dataclasses.dataclass(frozen=True)
@@ -128,7 +130,9 @@ def _widen(
         near = angles <= max(share * angles.max(), np.sort(angles)[min(60, len(angles) - 1)])
         part = dataclasses.replace(target, points=target.points[near], pixels=target.pixels[near])
         enough = _find_enough(part)
-        ends = (*_ENDS, 0.0) if share == 1.0 else (*_ENDS_WIDENING, enough)
+        ends = (_MAX_STEPS, _LEAST_GAIN, 0.0)
+        if share < 1.0:
+            ends = (_STEPS_WIDENING, _GAIN_WIDENING, enough)
         cost = math.inf
         # What fits the centre may have a pole just beyond it: the first guess gets its chance too.
         for guess in (params, start):

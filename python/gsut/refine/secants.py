@@ -36,15 +36,17 @@ from gsut.render import DEFAULT_UNSCENTED, render
 # Pixels that a picture shifts by on either side of a difference, at first: about what a pose is
 # still off by. Six directions take a pair of renders each.
 _FIRST_SHIFT = 0.5
+# Least shift of the slopes by which errors are stated: over less, a pose seems surer than it is.
+_STATED_SHIFT = 0.25
 # The least shift: pictures of good scenes determine a pose to this.
 _FINEST_SHIFT = 0.02
 # Shift up to which differences are taken on both sides of a pose at the full size, and not ahead of
-# it only, which takes half the renders: the steps before only bring the pose near. It is the least
-# by which errors are stated, too: over less, a pose seems surer than it is.
+# it only, which takes half the renders: the steps before only bring the pose near.
 _BOTH_SIDES = 0.25
-# Shift of one round over that of the round before, at most, and over what the pose moved by there:
-# about the error that is left.
+# Shifts of one round over that of the round before, at most.
 _SHRINK = 0.5
+# Shift over what the pose moved by in the round before: about the error that is left.
+_SHIFT_BY_MOVE = 0.5
 # Square of a move by the covariance, per unknown, below which a pose has settled.
 _SETTLED = 0.1
 # Measurements of the slopes at most; a few suffice.
@@ -163,7 +165,7 @@ def refine_by_secants(
         if settled and shift <= _BOTH_SIDES:
             break
         pixels_moved = float(np.max(np.abs(moved[:POSE] / problem.unit)))
-        shift = max(_FINEST_SHIFT, _SHRINK * min(shift, pixels_moved))
+        shift = max(_FINEST_SHIFT, min(_SHRINK * shift, _SHIFT_BY_MOVE * pixels_moved))
     looseness = np.eye(2 * POSE if problem.is_rolling else POSE)
     for _ in range(_MOST_ENDS if rounds >= MOST_ROUNDS else 0):
         rows, looseness, step = problem.look_along_axes(at, rows)
@@ -329,7 +331,7 @@ class _Problem:
         covariance = estimate_covariance(rows, slopes, SCENE_BLOCKS)[:size, :size]
         unit = np.tile(self.unit, size // POSE)
         squares, axes = np.linalg.eigh(covariance / np.outer(unit, unit))
-        length = np.maximum(np.sqrt(squares), _BOTH_SIDES / np.abs(axes).max(axis=0))
+        length = np.maximum(np.sqrt(squares), _STATED_SHIFT / np.abs(axes).max(axis=0))
         steps = unit[:, None] * axes * length
         pose, motion = self.place_pose(at), at[POSE : 2 * POSE]
         least = _compute_loss(self.compare(at))

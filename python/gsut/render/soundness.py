@@ -12,12 +12,14 @@ from gsut.gaussians import Gaussians
 
 # Least and largest scale, and largest coordinate, in world units, up to which float32 follows the
 # double reference: squares of products of these overflow, or vanish, beyond.
-_LENGTHS = (1e-12, 1e12)
+_LEAST_LENGTH = 1e-12
+_LARGEST_LENGTH = 1e12
 # Longest needle, in widths, that float32 follows within the stated error: a ray's distance from it
 # has the rounding error of its length.
 _LONGEST_NEEDLE = 1e5
 # Least and largest norm of a quaternion, whose reciprocal float32 must hold.
-_NORMS = (1e-35, 3e37)
+_LEAST_NORM = 1e-35
+_LARGEST_NORM = 3e37
 # Words that `sum_bits` adds up at once: odd, so that it notices when all signs turn.
 _WORDS_OF_A_SUM = 1023
 
@@ -62,11 +64,11 @@ def warn_of_undrawn(gaussians: Gaussians) -> None:
     if len(g) == 0:
         return
     with np.errstate(all="ignore"):
-        low, high = np.log(_LENGTHS)
+        low, high = np.log(_LEAST_LENGTH), np.log(_LARGEST_LENGTH)
         squares = np.einsum("ij,ij->i", g.quats, g.quats)
         inside = low <= g.log_scales.min() <= g.log_scales.max() <= high
         inside = inside and _measure_needles(g.log_scales).max() <= np.log(_LONGEST_NEEDLE)
-        inside = inside and g.means.min() >= -_LENGTHS[1] and g.means.max() <= _LENGTHS[1]
+        inside = inside and g.means.min() >= -_LARGEST_LENGTH and g.means.max() <= _LARGEST_LENGTH
         inside = inside and 0.0 < squares.min() <= squares.max() < np.inf
         rest = (array.reshape(-1) for array in (g.opacity_logits, g.sh))
         if inside and all(np.isfinite(np.dot(array, array)) for array in rest):
@@ -74,15 +76,15 @@ def warn_of_undrawn(gaussians: Gaussians) -> None:
         arrays = (g.means, g.quats, g.log_scales, g.opacity_logits, g.sh)
         finite = np.all([np.isfinite(a.reshape(len(g), -1)).all(axis=1) for a in arrays], axis=0)
         beyond = (g.log_scales.min(axis=1) < low) | (g.log_scales.max(axis=1) > high)
-        beyond |= np.abs(g.means).max(axis=1) > _LENGTHS[1]
+        beyond |= np.abs(g.means).max(axis=1) > _LARGEST_LENGTH
         norms = np.linalg.norm(g.quats.astype(np.float64), axis=1)
-        turned = (norms > 0) & ((norms < _NORMS[0]) | (norms > _NORMS[1]))
+        turned = (norms > 0) & ((norms < _LEAST_NORM) | (norms > _LARGEST_NORM))
         thin = _measure_needles(g.log_scales) > np.log(_LONGEST_NEEDLE)
     causes = {
         "have a parameter that is not finite and are not drawn": ~finite,
-        f"have a scale or coordinate outside {_LENGTHS[0]:g} to {_LENGTHS[1]:g}, where "
+        f"have a scale or coordinate outside {_LEAST_LENGTH:g} to {_LARGEST_LENGTH:g}, where "
         'float32 may miss them; rescale the scene or give dtype="float64"': finite & beyond,
-        f"have a quaternion of a norm outside {_NORMS[0]:g} to {_NORMS[1]:g}, where float32 "
+        f"have a quaternion of a norm outside {_LEAST_NORM:g} to {_LARGEST_NORM:g}, where float32 "
         "may turn them wrongly; normalise it": finite & turned,
         f"are more than {_LONGEST_NEEDLE:g} times as long as wide, where float32 places them less "
         'exactly; shorten them or give dtype="float64"': finite & thin,

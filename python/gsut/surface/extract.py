@@ -29,8 +29,8 @@ _OPEN_RATIO = 5.0  # times the median depth, beyond which depths make a scene op
 _EVEN_SHARE = 1.5  # of the median distance: how far voxels are even in an open scene
 _MOST_BLOCKS = 1_000_000  # of 8 x 8 x 8 voxels: 2.3 GB
 _BLOCK_BYTES = 2300  # of a block with its surface
-# Of a pixel of a depth map, and as many of one that is refined: normal, grey value, a second depth.
-_MAP_BYTES = 20
+_MAP_BYTES = 20  # of a pixel of a depth map
+_REFINE_BYTES = 20  # more of one that is refined: normal, grey value, a second depth and weight
 _NEAR = 0.05  # of the distance: where a mesh takes the place of a depth that it was made of
 _LENS_BYTES = 25  # of a pixel of a lens
 _SAMPLED = 20_000  # points that measure a scene's size
@@ -144,7 +144,7 @@ def render_depth_maps(
     rows = list(scene.train_indices) or list(range(len(scene.views)))
     lenses = {camera: _shrink_lens(camera, o.max_side) for camera in map(scene.camera, rows)}
     pixels = sum(c.width * c.height for c in (lenses[scene.camera(i)] for i in rows))
-    each = 2 * _MAP_BYTES if o.refine else _MAP_BYTES
+    each = _MAP_BYTES + (_REFINE_BYTES if o.refine else 0)
     size = each * pixels + _LENS_BYTES * sum(c.width * c.height for c in lenses.values())
     check_fits(f"the depth of {len(rows)} views", size, "make it smaller (--max-side)")
     maps: list[DepthMap] = []

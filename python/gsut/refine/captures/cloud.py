@@ -39,7 +39,8 @@ _VARIED = 40  # rotations of a round
 _DIRECTIONS = 24  # bins of a normal's coordinate
 _CELLS = 64  # of the correlation's side
 _FILLED = 0.7  # share of that side that the cloud takes: the rest is margin
-_SIZES = (0.15, 1.3)  # of what photographs show, relative to the cloud
+_SMALLEST = 0.15  # size of what photographs show, relative to the cloud
+_LARGEST = 1.3  # likewise
 _STEP = 1.08  # ratio of one size to the next
 _FREE = (0.4, 0.65, 0.85)  # places before the surface, as shares of the distance
 _STARTS = 40  # similarities that are refined
@@ -181,7 +182,7 @@ def align_to_cloud(points: np.typing.ArrayLike, scene: Scene) -> CaptureAlignmen
         raise SolveError(
             f"{scene.path} does not fit the cloud: at best {best.share:.0%} of the distances that "
             f"photographs show agree with it; do they show the same place, and at least "
-            f"{_SIZES[0]:.0%} of its size?"
+            f"{_SMALLEST:.0%} of its size?"
         )
     sigmas = _measure_sigmas(surface, rays, pose)
     if not sigmas[0] < _WORST:
@@ -334,8 +335,8 @@ def _correlate(
     weights = np.repeat([1.0, -1 / len(_FREE)], [len(turned), len(_FREE) * len(turned)])
     places = np.concatenate([turned, *along])
     corner = np.percentile(turned, 2, axis=0)
-    number = int(np.log(_SIZES[1] / _SIZES[0]) / np.log(_STEP))
-    for share in _SIZES[0] * _STEP ** np.arange(number + 1):
+    number = int(np.log(_LARGEST / _SMALLEST) / np.log(_STEP))
+    for share in _SMALLEST * _STEP ** np.arange(number + 1):
         scale = share * surface.size / spread
         at = np.floor(scale * (places - corner) / cell).astype(np.int64) % _CELLS
         grid = np.bincount(np.ravel_multi_index(tuple(at.T), size), weights, _CELLS**3)

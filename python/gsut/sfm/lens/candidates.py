@@ -28,8 +28,8 @@ _LADDER = {
     0.0: (75.0, 90.0, 110.0, 135.0, 165.0, 200.0),
 }
 # Limits that no camera's lens exceeds.
-# Focal length over the longer side: a fisheye's circle of 220 degrees, and a field of view of 10.
-_FOCALS = (0.12, 6.0)
+_LEAST_FOCAL = 0.12  # focal length over the longer side: a fisheye's circle of 220 degrees
+_MOST_FOCAL = 6.0  # focal length over the longer side: a field of view of 10 degrees
 _MOST_OFF_CENTER = 0.08  # distance of the principal point from the centre over the diagonal
 _LEAST_SEEN = 0.95  # share of the features that the lens must have rays for
 
@@ -134,7 +134,7 @@ def explain_implausible(lens: Camera, features: Sequence[Features]) -> str | Non
     """
     fx, _, cx, cy = lens.params[:4]
     longer = max(lens.width, lens.height)
-    if not _FOCALS[0] <= fx / longer <= _FOCALS[1]:
+    if not _LEAST_FOCAL <= fx / longer <= _MOST_FOCAL:
         return f"its focal length is {fx / longer:.2f} times the longer side"
     off = math.hypot(cx - lens.width / 2, cy - lens.height / 2)
     if off > _MOST_OFF_CENTER * math.hypot(lens.width, lens.height):

@@ -16,9 +16,12 @@ MIDDLE = (15.0, 50.0, 85.0)
 _MOST = 6
 # Rays a side of the view that neighbours are chosen by.
 _RAYS = 12
-# Degrees between two rays to a point: from which it is located well, above which windows look less
-# and less alike, and above which they look alike by chance alone.
-_ANGLES = (5.0, 25.0, 60.0)
+# Degrees between two rays to a point, from which it is located well.
+_ENOUGH = 5.0
+# Degrees above which windows look less and less alike.
+_WIDE = 25.0
+# Degrees above which windows look alike by chance alone.
+_TOO_WIDE = 60.0
 # Neighbours that each ray needs: more of the same add nothing.
 _NEEDED = 2.5
 # Least gain of another neighbour: no ray seen.
@@ -77,6 +80,5 @@ def _weigh_angles(scene: Scene, row: int, points: np.ndarray, own: np.ndarray) -
     lengths = np.linalg.norm(own, axis=1) * np.linalg.norm(other, axis=1)
     cosine = np.einsum("ni,ni->n", own, other) / np.maximum(lengths, np.finfo(float).tiny)
     angle = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
-    enough, wide, most = _ANGLES
-    near, far = angle / enough, (most - angle) / (most - wide)
+    near, far = angle / _ENOUGH, (_TOO_WIDE - angle) / (_TOO_WIDE - _WIDE)
     return np.where(inside, np.clip(np.minimum(near, far), 0, 1), 0.0)

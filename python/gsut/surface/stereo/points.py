@@ -9,8 +9,10 @@ from gsut.data.scene import project_points
 from gsut.gaussians import choose_points
 from gsut.surface.stereo.sweep import Shown, find_distances
 
-# Photographs up to which all get distances, and the most; in between, a quarter, evenly chosen.
-_VIEWS = (20, 100)
+# Number of photographs up to which all get distances.
+_FEWEST_VIEWS = 20
+# Most photographs that get distances; in between, a quarter of all, evenly chosen.
+_MOST_VIEWS = 100
 # Fewest points; if there are fewer, the photographs are not alike.
 _FEWEST = 100
 # Cells along the longer side of a view in which given points are looked for.
@@ -88,7 +90,7 @@ def measure_coverage(scene: Scene) -> float:
 def choose_views(scene: Scene) -> list[int]:
     """Chooses the training views that get distances, evenly spread."""
     train = scene.train_indices
-    count = min(max(_VIEWS[0], len(train) // 4), _VIEWS[1], len(train))
+    count = min(max(_FEWEST_VIEWS, len(train) // 4), _MOST_VIEWS, len(train))
     return [train[place] for place in np.linspace(0, len(train) - 1, count).round().astype(int)]
 
 

@@ -30,8 +30,10 @@ _SWEEPS = ((100, 56), (200, 112))
 _LOOK_DEPTHS = 96
 # Photographs of the first look, which finds the range of distances.
 _LOOK_VIEWS = 5
-# Nearest and farthest distance of the first look, x scene extent.
-_LOOK_RANGE = (0.1, 100.0)
+# Nearest distance of the first look, x scene extent.
+_LOOK_NEAR = 0.1
+# Farthest distance of the first look, x scene extent.
+_LOOK_FAR = 100.0
 # Distances at which neighbours for the first look are chosen, x scene extent.
 _LOOK_AT = (0.3, 1.0, 3.0)
 # Least score of a distance that counts in the first look.
@@ -146,7 +148,7 @@ def _find_range(
         away = np.linalg.norm(scene.points[None] - centers[:, None], axis=2)
         found = 1 / np.maximum(away, _TINY * extent).ravel()
     else:
-        tried = np.linspace(1 / _LOOK_RANGE[0], 1 / _LOOK_RANGE[1], _LOOK_DEPTHS) / extent
+        tried = np.linspace(1 / _LOOK_NEAR, 1 / _LOOK_FAR, _LOOK_DEPTHS) / extent
         places = np.linspace(0, len(train) - 1, min(_LOOK_VIEWS, len(train))).round().astype(int)
         parts = []
         for view in (train[place] for place in places):

@@ -61,9 +61,10 @@ _FEWEST_TWICE = 5
 _UNSETTLED = 0.25
 # Largest plausible logarithm of a gain, a factor of two.
 _STRONGEST = 0.7
-# Plausible falloffs: lenses darken towards the rim by at most ten, and do not brighten there, save
-# for errors of the fit.
-_FALLOFFS = (0.1, 1.05)
+# Smallest plausible falloff: lenses darken towards the rim by at most ten.
+_DARKEST = 0.1
+# Largest plausible falloff: lenses do not brighten towards the rim, save for errors of the fit.
+_BRIGHTEST = 1.05
 # Number of angles at which a falloff is checked.
 _CHECKED = 65
 
@@ -261,7 +262,7 @@ class PhotographModel:
                 continue
             found = fit_falloff(angle, basis, tc.sum(axis=0), cc.sum(axis=0))
             values = found.evaluate(np.linspace(0.0, angle, _CHECKED))
-            believed = _FALLOFFS[0] < values.min() and values.max() < _FALLOFFS[1]
+            believed = values.min() > _DARKEST and values.max() < _BRIGHTEST
             self._take_falloff(camera, found if believed and is_falloff_certain(tc, cc) else None)
 
     def _take_falloff(self, camera: int, found: Falloff | None) -> None:
