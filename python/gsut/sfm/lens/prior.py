@@ -31,8 +31,8 @@ _STATED = 0.05
 # Fewest images of which some can be left out and the others still determine a lens: how well it is
 # known cannot be measured with fewer.
 _FEWEST_IMAGES = 4
-# Most images that are adjusted anew without a group. Of more, one linear step must do, which says a
-# third of it at worst.
+# Most images that are adjusted anew without a group. Of more, one linear step must do, which said a
+# third of it of a capture of 50.
 _MOST_ADJUSTED = 100
 # Share of the prior's standard deviation below which the images alone know better.
 _NEGLIGIBLE = 0.1
