@@ -59,6 +59,7 @@ def assemble(
         raise _explain_nothing_left(listing, total)
     frames.sort(key=lambda frame: split_numbers(frame.name))
     notes += [*_note_masks(listing, frames, on_error), *_note_lenses(frames)]
+    notes += _note_unused(listing)
     finite, fault = find_usable_points(listing.points)
     if fault:
         where = listing.points_source or listing.source
@@ -106,6 +107,23 @@ def _note_masks(listing: Listing, frames: list[Frame], on_error: OnError) -> Ite
             f"{len(without)} of {len(frames)} images have no mask and count as a whole"
             f" ({list_some(without)}); {advice}"
         )
+
+
+def _note_unused(listing: Listing) -> Iterator[str]:
+    """Notes clouds and depth files that lie in the dataset's folder and that nothing names."""
+    used, files = listing.points_source, sorted(listing.path.glob("*"))
+    for file in files:
+        if file.suffix.lower() in (".las", ".laz") and file != used:
+            yield (
+                f"{file} is not used: `gsut align` places a cloud; `ply_file_path` of "
+                "transforms.json, or `points` of dataset.yaml, names the one to start from"
+            )
+        is_folder = file.name.lower() in ("depth", "depths", "depth_maps") and file.is_dir()
+        if is_folder and all(frame.depth_path is None for frame in listing.frames):
+            yield (
+                f"{file} is not used: name its files by `depth_file_path` in transforms.json, with "
+                "`depth_along` and `depth_unit` (docs/datasets.md)"
+            )
 
 
 def _note_lenses(frames: list[Frame]) -> Iterator[str]:

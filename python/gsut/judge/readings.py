@@ -16,6 +16,11 @@ from gsut.judge.hypotheses import Dataset, Hypothesis, Rate, Variant, Variants, 
 _OPENGL = OPENGL_FROM_OPENCV[:3, :3]
 # A robot's body axes (x forward, y left, z up) from OpenCV's camera axes.
 _ROS = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+# Quaternions w, x, y, z by the numbers of those that were read, and in words.
+_ORDERS = {
+    (3, 0, 1, 2): "x y z w in the file, where w x y z was read",
+    (1, 2, 3, 0): "w x y z in the file, where x y z w was read",
+}
 _UPSIDE_DOWN = np.diag([-1.0, -1.0, 1.0])  # camera axes of a photograph turned by 180 degrees
 
 
@@ -105,17 +110,17 @@ def _suppose_parts(data: Dataset, _: Rate) -> Variants:
 
 def _suppose_quaternions(data: Dataset, _: Rate) -> Variants:
     r, t = _split(data)
-    kinds = itertools.product((False, True), ((3, 0, 1, 2), (1, 2, 3, 0)), (np.eye(3), _OPENGL))
+    kinds = itertools.product((False, True), _ORDERS, (np.eye(3), _OPENGL))
     for inverse, order, before in kinds:
         old = r @ before
         q = quaternion_from_rotation(_transpose(old) if inverse else old)
-        new = rotations_from_quaternions(q[..., order].reshape(-1, 4)).reshape(r.shape)
+        new = rotations_from_quaternions(q[..., list(order)].reshape(-1, 4)).reshape(r.shape)
         new = _transpose(new) if inverse else new
         in_camera = -_rotate(_transpose(old), t)  # the file's tvec, if it was one
         for center, after in itertools.product(
             (t, -_rotate(new, in_camera)), (data.file_axes, np.eye(3), _OPENGL)
         ):
-            name = f"{'world-to-camera' if inverse else 'camera-to-world'}, of {order}"
+            name = f"{'world-to-camera' if inverse else 'camera-to-world'}, {_ORDERS[order]}"
             yield Variant(name, "", data.move(new @ before.T @ after, center))
 
 
@@ -163,8 +168,9 @@ READINGS: tuple[Hypothesis, ...] = (
     Hypothesis("these poses with the rotation read {}", "replace {}", "poses", _suppose_parts,
                is_gross=True),
     Hypothesis("these poses with their quaternions read in another order ({})",
-               "reorder the quaternion's four numbers in the poses' file, or where the matrices "
-               "were made from them", "poses", _suppose_quaternions, is_gross=True),
+               "reorder the quaternions in the file of poses (or begin a trajectory with its "
+               "columns' names: # name tx ty tz qw qx qy qz), or where matrices were made of them",
+               "poses", _suppose_quaternions, is_gross=True),
     Hypothesis("these poses with their positions {} against their rotations",
                "replace each position t by {} @ t", "poses", _suppose_mirrors, is_gross=True),
     Hypothesis("these poses in a world mirrored {}",

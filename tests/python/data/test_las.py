@@ -26,15 +26,25 @@ def test_las_gives_its_points_and_colours(version, kind, deep, tmp_path, rng):
     assert np.array_equal(shown, colors) if deep else np.all(shown == 128)
 
 
-def test_dataset_takes_points_from_las(tmp_path):
-    small.write_folder(tmp_path)
-    for name in ("points3D.ply", "points.ply"):
+@pytest.mark.parametrize("write", [small.write_folder, small.write_colmap_text])
+def test_dataset_takes_points_from_las(write, tmp_path):
+    write(tmp_path)
+    for name in ("points3D.ply", "points.ply", "sparse/0/points3D.txt"):
         (tmp_path / name).unlink(missing_ok=True)
     points, colors = small.points()
     (tmp_path / "points.las").write_bytes(format_las(points, colors.astype(int) * 257))
     scene = gsut.load_dataset(tmp_path)
     assert np.abs(scene.points - points).max() < 6e-4
     assert np.array_equal(scene.point_colors, colors)
+
+
+def test_clouds_and_depths_that_nothing_names_are_noted(tmp_path):
+    small.write_colmap_text(tmp_path)
+    (tmp_path / "scan.las").touch()
+    (tmp_path / "depths").mkdir()
+    notes = gsut.load_dataset(tmp_path).notes
+    for name in ("scan.las", "depths"):
+        assert any(f"{name} is not used" in note for note in notes)
 
 
 def test_laz_without_its_reader_names_the_command(tmp_path, rng, monkeypatch):

@@ -12,6 +12,7 @@ import small_recordings as made
 import tolerances
 from gsut.data.layouts import list_layouts
 from gsut.data.poses import invert_pose
+from gsut.data.scene import read_depth
 from raising import raises_saying
 
 JITTER = 500_000  # nanoseconds
@@ -242,6 +243,31 @@ def test_tum_associations_take_the_colour_pictures(tmp_path):
     (tmp_path / "associations.txt").write_text("\n".join(rows) + "\n")
     table.unlink()
     assert len(gsut.load_dataset(tmp_path)) == small.VIEWS
+
+
+@pytest.mark.parametrize("listed", ["depth.txt", "associations.txt"])
+def test_tum_depths_are_z_of_five_thousand_levels_a_metre(tmp_path, listed):
+    write_tum(tmp_path)
+    levels = np.full((small.HEIGHT, small.WIDTH), 2 * 5000, np.uint16)
+    (tmp_path / "depth").mkdir()
+    rows = []
+    for time in made.times()[1:]:
+        stamp = f"{(time + 10**7) // 10**9}.{(time + 10**7) % 10**9:09d}"  # 10 ms later
+        small.write_png(tmp_path / f"depth/{stamp}.png", levels)
+        rows.append(f"{stamp} depth/{stamp}.png")
+    colours = (tmp_path / "rgb.txt").read_text().splitlines()[1:]
+    if listed == "associations.txt":
+        pairs = [colours[0], *map(" ".join, zip(colours[1:], rows, strict=True))]
+        (tmp_path / "rgb.txt").unlink()
+        (tmp_path / listed).write_text("\n".join(pairs))
+    else:
+        (tmp_path / listed).write_text("# depth maps\n" + "\n".join(rows))
+    scene = gsut.load_dataset(tmp_path)
+    rays = np.asarray(scene.camera(1).rays()[0])
+    expected = 2 * np.linalg.norm(rays, axis=2) / rays[..., 2]
+    np.testing.assert_allclose(read_depth(scene, 1), expected, rtol=0, atol=tolerances.LAYOUT_POSE)
+    assert scene.views[0].depth_path is None
+    assert any("1 pictures have no depth" in note for note in scene.notes)
 
 
 def write_kitti(folder) -> None:

@@ -28,6 +28,7 @@ from gsut.data.errors import DatasetError, OnError, list_some, raise_error
 from gsut.data.export import Export, list_losses, place_images
 from gsut.data.images import PictureLookup, find_common_mask, find_mask
 from gsut.data.layouts._layout import Layout
+from gsut.data.layouts.folder import POINT_FILES
 from gsut.data.listing import Frame, Listing
 from gsut.data.points import load_points_ply
 from gsut.data.poses import invert_pose, pose_from_quaternion
@@ -101,6 +102,9 @@ def read_colmap(path: Path, *, on_error: OnError = raise_error) -> Listing:
     try:
         listing.points, listing.point_colors = read_model_points(model)
         listing.points_source = _find_points_file(model)
+        beside = next((path / name for name in POINT_FILES if (path / name).is_file()), None)
+        if not len(listing.points) and beside is not None:
+            listing.take_points(beside)
     except InputError as error:
         on_error(error)
     listing.notes += pictures.describe_differing(source)

@@ -6,14 +6,16 @@ euroc  DATA/mav0/cam0/data/*.png   named by time in ns; mav0/cam0/data.csv lists
        trajectory; mav0/pointcloud0/data.ply may be there
 kitti  DATA/image_2/000000.png     DATA is .../sequences/NN, or holds one such folder
        calib.txt, times.txt        and ../../poses/NN.txt: 12 numbers a line, of camera 0
-tum    DATA/rgb.txt                lines `time rgb/FILE`; or associations.txt, `time rgb/FILE time
-       groundtruth.txt             depth/FILE`; a lens file beside them: TUM's own sets have none
+tum    DATA/rgb.txt, depth.txt     lines `time rgb/FILE`; or associations.txt, `time rgb/FILE time
+       groundtruth.txt             depth/FILE`; a lens file beside them: TUM's own sets have none;
+                                   depths are z, 5000 levels a metre
 """
 
 from __future__ import annotations
 
 import dataclasses
 import functools
+import itertools
 import re
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -25,15 +27,24 @@ from gsut.data.errors import DatasetError, list_some
 from gsut.data.images import read_header
 from gsut.data.layouts._layout import Layout
 from gsut.data.layouts.folder import POINT_FILES, find_lens_file
-from gsut.data.poses import check_rigid
-from gsut.data.recordings import MASK, Recording, Stream, find_stream, list_pictures
+from gsut.data.poses import NANOSECONDS, check_rigid, guess_unit, is_time, to_nanoseconds
+from gsut.data.recordings import (
+    MASK,
+    TIME_TOLERANCE,
+    Recording,
+    Stream,
+    find_stream,
+    list_pictures,
+)
 from gsut.data.rigs import BODY, Mount, parse_matrix, read_mounts
+from gsut.data.scene import DepthForm
 from gsut.files import read_rows, read_text, read_yaml
 from gsut.lens import Camera
 
 _PIXEL_SHIFT = 0.5  # KITTI's pixel (0, 0) is gsut's (0.5, 0.5)
 _TRAJECTORIES = ("groundtruth.txt", "trajectory.txt", "poses.txt")
 _TIME_AND_FILE = 2  # fields of a list
+_DEPTH_LEVELS = 5000  # of TUM's depth pictures in a metre
 
 
 @dataclasses.dataclass(frozen=True)
@@ -113,6 +124,7 @@ def record(kind: _Kind, path: Path) -> Recording:
     if kind.cameras is None:
         table = next(root / name for name in kind.marks if (root / name).is_file())
         streams = [_read_list(table, root, Stream("", []), notes)]
+        _add_depths(table, root, streams[0], notes)
     preferred = tuple(name for name in kind.preferred if name in folders)
     if not chosen and 0 < len(preferred) < len(folders):
         notes.append(f"{root}: the colour cameras {', '.join(preferred)} are used")
@@ -164,7 +176,7 @@ def _read_camera(kind: _Kind, root: Path, name: str, pictures: Path, notes: list
 
 
 def _read_list(table: Path, folder: Path, stream: Stream, notes: list[str]) -> Stream:
-    """Reads times and names, from `folder`, of a camera's pictures; depths beside them are not."""
+    """Reads times and names, from `folder`, of a camera's colour pictures."""
     listed = {path.name for path in stream.images}
     images, times, absent = [], [], []
     for number, fields in read_rows(table):
@@ -192,6 +204,31 @@ def _read_list(table: Path, folder: Path, stream: Stream, notes: list[str]) -> S
             what = f"{len(names)} pictures {what} and are left out: {list_some(names)}"
             notes.append(f"{table}: {what}")
     return Stream(stream.name, images, times, stream.mask)
+
+
+def _add_depths(table: Path, folder: Path, stream: Stream, notes: list[str]) -> None:
+    """Adds the depth picture nearest in time to each picture, of the list itself or depth.txt."""
+    files = [file for file in (table, table.with_name("depth.txt")) if file.is_file()]
+    rows = [fields for file in files for _, fields in read_rows(file)]
+    found = [
+        (time, folder / name)
+        for fields in rows for time, name in itertools.pairwise(fields)
+        if name.startswith("depth") and is_time(time) and (folder / name).is_file()
+    ]  # fmt: skip
+    texts = stream.list_times()
+    if not found or not all(texts):
+        return
+    stamps, times = (
+        to_nanoseconds(each, guess_unit(each)) for each in (texts, [t for t, _ in found])
+    )
+    for image, stamp in zip(stream.images, stamps, strict=True):
+        nearest = int(np.argmin(np.abs(times - stamp)))
+        if abs(times[nearest] - stamp) <= TIME_TOLERANCE * NANOSECONDS:
+            stream.depths[image] = found[nearest][1]
+    stream.depth_form = DepthForm(1 / _DEPTH_LEVELS, is_z=True)
+    without = [image.name for image in stream.images if image not in stream.depths]
+    if without:
+        notes.append(f"{table}: {len(without)} pictures have no depth: {list_some(without)}")
 
 
 def _mount_euroc(root: Path, streams: list[Stream], notes: list[str]) -> Callable | None:

@@ -131,7 +131,7 @@ def _add_frames(
         listing.frames.append(
             Frame(
                 name, path, mount.camera, pose @ body_from_this, mask_path=mask or stream.mask,
-                time_ns=time,
+                depth_path=stream.depths.get(path), depth_form=stream.depth_form, time_ns=time,
             )
         )  # fmt: skip
     if without:

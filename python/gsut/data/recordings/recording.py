@@ -11,6 +11,7 @@ import numpy as np
 from gsut.data.images import IMAGE_SUFFIXES
 from gsut.data.poses import is_time
 from gsut.data.rigs import Mount
+from gsut.data.scene import DISTANCES, DepthForm
 from gsut.files import split_numbers
 
 TIME_TOLERANCE = 0.02  # seconds, as TUM's own tools use
@@ -19,12 +20,22 @@ MASK = "mask.png"
 
 @dataclasses.dataclass
 class Stream:
-    """The pictures of one camera; `times` as decimal text, by default the files' stems."""
+    """The pictures of one camera.
+
+    Args:
+        name: of the camera.
+        images: its pictures.
+        times: of each as decimal text; None: the files' stems.
+        mask: of all pictures, or None.
+        depths: depth files by picture. depth_form: how they are meant.
+    """
 
     name: str
     images: list[Path]
     times: list[str] | None = None
     mask: Path | None = None
+    depths: dict[Path, Path] = dataclasses.field(default_factory=dict)
+    depth_form: DepthForm = DISTANCES
 
     def list_times(self) -> list[str]:
         """Lists each picture's time as text; empty if its name is not a number."""
