@@ -101,6 +101,7 @@ class FilmFacts:
             metres.
         forces: (M, 4) seconds, and what the accelerometer felt in m/s^2 in the camera's axes of
             the frames shown: gravity's reaction, which points up, and its own acceleration.
+        is_askew: whether these are in the gyroscope's axes, which the file does not name.
         turns: records of how it turned.
         notes: what could not be read.
     """
@@ -109,5 +110,6 @@ class FilmFacts:
     rotation: int = 0
     track: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 4)))
     forces: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 4)))
+    is_askew: bool = False
     turns: tuple[TurnRecord, ...] = ()
     notes: tuple[str, ...] = ()

@@ -60,7 +60,8 @@ class Capture:
         path: holds images/, capture.json and strip.jpg.
         figures: the content of capture.json: kind, inputs, notes, size, and "frames", one row a
             picture with its name and, of a video, number, time (seconds), sharpness, flow (see
-            FlowSearch), place (latitude, longitude, altitude) and up (in the camera's axes);
+            FlowSearch), place (latitude, longitude, altitude) and up (in the camera's axes, or
+            sensor_up in the gyroscope's);
             "name_rate" is how many numbers of the names a second has; "turns" what the camera
         recorded of its turns, see `write_turns`.
     """
@@ -140,6 +141,7 @@ def extract_frames(
     places = interpolate_places(facts.track, times)
     # The circles of two lenses have axes of their own.
     ups = average_ups(facts.forces if beside is None else facts.forces[:0], times)
+    up_key = "sensor_up" if facts.is_askew else "up"
     unsharp = find_blurred(chosen)
     if unsharp.mean() > _MANY_BLURRED:
         notes.append(
@@ -153,7 +155,7 @@ def extract_frames(
         "frames": [
             {"name": name, "path": f"{IMAGES}/{name}", "number": c.number, "time": c.time,
              "sharpness": c.sharpness, "blurred": bool(b), "flow": flows.get(c.number),
-             "place": place, "up": up}
+             "place": place, up_key: up}
             for name, c, b, place, up in zip(names, chosen, unsharp, places, ups, strict=True)
         ],
     }  # fmt: skip

@@ -29,14 +29,20 @@ _GPMF_STREAMS = ("GPS9", "GPS5", "GLPI", "ACCL", "GYRO", "CORI", "IORI")
 _SENSORS = ("ACCL", "GYRO")
 # Microseconds at which a payload of the gyroscope begins by the camera's clock, as a stream.
 STAMPS = "GYRO STMP"
+# Acceleration in the axes of the gyroscope, which camm does not name, as a stream.
+SENSOR_ACCL = "ACCL of camm"
+# How far a matrix times its transpose may be from the identity to be one of axes.
+_SQUARE = 0.05
 # GPMF's axes (Z up, X left, Y backward) as rows of the camera's (x right, y down, z forward).
 _CAMERA_AXES = {"X": (-1, 0, 0), "Y": (0, 0, -1), "Z": (0, -1, 0)}
 # Order of the axes where a file does not name them.
 _AXES = "ZXY"
 # Layout of camm's packets with positions by their number, and where latitude begins.
 _CAMM_PLACES = {5: ("<3d", 0), 6: ("<dIddf", 2)}
-# The number and layout of its packets of angular velocity.
-_CAMM_GYRO = 2, "<3f"
+# Streams of camm's packets of a sensor, in its axes, by their number.
+_CAMM_SENSORS = {2: "GYRO", 3: SENSOR_ACCL}
+# Their layout.
+_CAMM_SENSOR = "<3f"
 # Least fix of GPS with a position: in two dimensions.
 _LEAST_FIX = 2
 
@@ -47,9 +53,9 @@ def read_streams(video: Path) -> tuple[int, dict[str, np.ndarray]]:
     Returns:
         Degrees clockwise by which frames are turned to be shown, a multiple of 90. By GPMF's names,
         rows (N, 1 + M) of seconds since the beginning and M values: "ACCL" m/s^2 in the camera's
-        axes; "GYRO" rad/s in the same; "CORI" and "IORI" quaternions (w, x, y, z) of a frame each;
-        "GPS5", "GPS9" and "GLPI" as the camera orders them; STAMPS; {} if there are none. A damaged
-        film has what stands before the damage.
+        axes, SENSOR_ACCL in the gyroscope's; "GYRO" rad/s; "CORI" and "IORI" quaternions (w, x, y,
+        z) of a frame each; "GPS5", "GPS9" and "GLPI" as the camera orders them; STAMPS; {} if there
+        are none. A damaged film has what stands before the damage.
     """
     import av
 
@@ -92,8 +98,9 @@ def _read_sample(data: bytes) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
             yield name, rows, np.arange(len(rows)) / len(rows)
         return
     number = struct.unpack_from("<H", data, 2)[0] if len(data) >= 4 else -1
-    if number == _CAMM_GYRO[0] and len(data) >= 4 + struct.calcsize(_CAMM_GYRO[1]):
-        yield "GYRO", np.array([struct.unpack_from(_CAMM_GYRO[1], data, 4)]), np.zeros(1)
+    if number in _CAMM_SENSORS and len(data) >= 4 + struct.calcsize(_CAMM_SENSOR):
+        values = struct.unpack_from(_CAMM_SENSOR, data, 4)
+        yield _CAMM_SENSORS[number], np.array([values]), np.zeros(1)
     layout, first = _CAMM_PLACES.get(number, ("", 0))
     if layout and len(data) >= 4 + struct.calcsize(layout):
         values = struct.unpack_from(layout, data, 4)
@@ -125,9 +132,15 @@ def read_gpmf(payload: bytes) -> Iterator[tuple[str, np.ndarray]]:
 def _turn_axes(rows: np.ndarray, held: dict[str, list]) -> np.ndarray | None:
     """Returns (N, 3) in the camera's axes; None if the file names no such axes.
 
-    ORIN names the axis of each number; a small letter is one that points the other way.
+    ORIN names the axis of each number, ORIO that of each number once MTRX turned it; a small letter
+    is one that points the other way.
     """
-    names = held["ORIN"][3].decode("latin1") if "ORIN" in held else _AXES
+    key, turned = "ORIN", _read_rows(held, "MTRX") if "MTRX" in held and "ORIO" in held else None
+    if turned is not None and turned.size == 9 and rows.shape[1] == 3:
+        turned = turned.reshape(3, 3)
+        if np.abs(turned @ turned.T - np.eye(3)).max() < _SQUARE:
+            key, rows = "ORIO", rows @ turned.T
+    names = held[key][3].decode("latin1") if key in held else _AXES
     if rows.shape[1] != 3 or sorted(names.upper()[:3]) != ["X", "Y", "Z"]:
         return None
     signs = [1 if name.isupper() else -1 for name in names[:3]]
@@ -168,7 +181,7 @@ def _read_rows(held: dict[str, list], key: str) -> np.ndarray | None:
         return None
     table = np.frombuffer(data, layout)
     rows = np.stack([table[name].astype(np.float64) for name in layout.names or ()], axis=1)
-    if key in ("GPSF", "SCAL", "STMP") or "SCAL" not in held:
+    if key in ("GPSF", "SCAL", "STMP", "MTRX") or "SCAL" not in held:
         return rows
     scale = _read_rows(held, "SCAL")
     if scale is None or scale.size not in (1, rows.shape[1]) or not scale.all():

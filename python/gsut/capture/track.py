@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from gsut.capture.facts import FilmFacts
-from gsut.capture.telemetry import read_streams
+from gsut.capture.telemetry import SENSOR_ACCL, read_streams
 from gsut.capture.turns import find_turn_records, turn_axes
 from gsut.capture.video import read_camera_name
 from gsut.files import open_binary, register_reader
@@ -48,13 +48,15 @@ def read_film_facts(video: Path) -> FilmFacts:
             subtitles, and NAME.gcsv by Gyroflow, are read.
     """
     rotation, streams = read_streams(video)
-    forces = streams.get("ACCL", np.zeros((0, 4)))
+    # A log of Gyroflow has a gyroscope, and axes, of its own.
+    is_askew = SENSOR_ACCL in streams and not video.with_suffix(".gcsv").is_file()
+    forces = streams.get(SENSOR_ACCL if is_askew else "ACCL", np.zeros((0, 4)))
     good = np.isfinite(forces).all(axis=1) & (np.abs(forces[:, 1:]) < _MOST_FORCE).all(axis=1)
     track, note = _find_track(video, streams)
     turns, damages = find_turn_records(video, streams, rotation)
     return FilmFacts(
-        read_camera_name(video), rotation, track, turn_axes(forces[good], rotation), turns,
-        tuple(filter(None, [note, *damages])),
+        read_camera_name(video), rotation, track, turn_axes(forces[good], rotation), is_askew,
+        turns, tuple(filter(None, [note, *damages])),
     )  # fmt: skip
 
 

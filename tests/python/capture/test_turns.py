@@ -34,6 +34,15 @@ def make_rates(values, key=b"GYRO", stamp=None, scale=1000):
     )
 
 
+def make_axes(given, shown, matrix):
+    """Records of GPMF that name the axes of a sensor's numbers, and of these once turned."""
+    return (
+        record(b"ORIN", b"c", 1, 3, given.encode()),
+        record(b"ORIO", b"c", 1, 3, shown.encode()),
+        record(b"MTRX", b"f", 36, 1, np.array(matrix, ">f4").tobytes()),
+    )
+
+
 def read_turned(path):
     return {record.source: record.rates for record in read_film_facts(path).turns}
 
@@ -43,6 +52,22 @@ def test_gyroscope_of_gpmf_is_in_the_cameras_axes(tmp_path):
     rates = read_turned(make_film(tmp_path / "a.mp4", b"gpmd", [payload] * 2))["gyroscope"]
     assert np.allclose(rates[:, 0], np.arange(40) / 20)
     assert np.allclose(rates[:, 1:], [-0.2, -0.1, -0.3])
+
+
+@pytest.mark.parametrize(
+    ("matrix", "found"),
+    [
+        ([[0, -1, 0], [1, 0, 0], [0, 0, 1]], [-0.1, 0.2, -0.3]),  # as a GoPro MAX has it
+        ([[0, -0.8, 0.6], [1, 0, 0], [0, 0.6, 0.8]], [-0.1, -0.02, -0.36]),  # and tilted
+        ([[0, 0, 0], [1, 0, 0], [0, 0, 1]], [-0.1, 0.2, -0.3]),  # no turn: ORIN
+        ([[np.nan] * 3] * 3, [-0.1, 0.2, -0.3]),
+    ],
+)
+def test_gyroscope_with_a_matrix_is_in_the_axes_it_leads_to(matrix, found, tmp_path):
+    axes = make_axes("XzY", "ZXY", matrix)
+    payload = make_gpmf((*axes, *make_rates([[0.1, 0.2, 0.3]] * 20)))
+    rates = read_turned(make_film(tmp_path / "a.mp4", b"gpmd", [payload]))["gyroscope"]
+    assert np.allclose(rates[:, 1:], found, atol=tolerances.TURNS_AXES)
 
 
 def test_gyroscope_follows_the_rotation_of_the_frames_shown(tmp_path):
@@ -81,6 +106,16 @@ def test_gyroscope_of_camm_is_read(tmp_path):
     film = make_film(tmp_path / "a.mp4", b"camm", packets, seconds=0.01)
     rates = read_turned(film)["gyroscope"]
     assert np.allclose(rates[:-1, 1:], [[0.1, 0.2, i + 0.5] for i in range(19)])
+
+
+def test_accelerometer_of_camm_is_in_the_gyroscopes_axes(tmp_path):
+    packets = [struct.pack("<HH3f", 0, 2 + i % 2, 0.1, 9.8 * (i % 2), 0) for i in range(40)]
+    film = make_film(tmp_path / "a.mp4", b"camm", packets, seconds=0.01)
+    facts = read_film_facts(film)
+    assert facts.is_askew and len(facts.turns) == 1
+    assert np.allclose(facts.forces[:, 1:], [0.1, 9.8, 0])
+    film.with_suffix(".gcsv").write_text(LOG + "1,2,3,4\n")
+    assert not read_film_facts(film).is_askew
 
 
 def test_absurd_values_and_gaps_are_left_out_with_a_note(tmp_path):

@@ -12,6 +12,7 @@ from gsut.gaussians import find_rotation_vectors
 from gsut.sfm.gyroscope import calibrate_turns, correct_by_turns, sharpen_rates, use_gyroscope
 from gsut.sfm.gyroscope.calibration import QUARTER_TURNS
 from gsut.sfm.gyroscope.curve import TurnCurve
+from gsut.sfm.gyroscope.evidence import calibrate_best, hold_near_record
 from gsut.sfm.lens import judge_lens
 from gsut.sfm.lens.prior import find_focal
 from gsut.sfm.mapping import Mapping, PosesLog
@@ -160,6 +161,29 @@ def test_gyroscope_of_another_film_changes_nothing():
     assert found.found.figures["gyroscope"]["used"] is None
     assert "is not used" in " ".join(found.log.notes)
     assert np.array_equal(found.solved.camera_from_world, bare.solved.camera_from_world)
+
+
+def test_structure_held_near_a_record_that_is_rejected_is_adjusted_without_it():
+    run = fly_recorded(lambda truth, rng: record(truth, rng, scale=1.03), turn=0.2)
+    held, _ = hold_near_record(run, calibrate_best(run))
+    other = fly_recorded(lambda _, rng: record(make_walk(rng, 12)[0], rng), turn=0.2)
+    found = use_gyroscope(held.replace(photographs=other.photographs))
+    before, between, after = (find_focal(each.solved) for each in (run, held, found))
+    assert abs(between / before - 1) > 0.005
+    assert abs(after / before - 1) < tolerances.GYROSCOPE_ADJUSTED_AGAIN
+    assert held.turns is not None and found.turns is None
+    assert found.found.figures["gyroscope"]["used"] is None
+    assert "is not used" in " ".join(found.log.notes)
+
+
+def test_accelerometer_in_the_gyroscopes_axes_gives_up_in_the_cameras():
+    run = fly_recorded(lambda truth, rng: record(truth, rng, axes=QUARTER_TURNS[9]))
+    up = QUARTER_TURNS[9].T @ np.array([0.0, -1.0, 0.0])
+    ups = {name: tuple(up) for name in run.solved.names}
+    run = run.replace(photographs=dataclasses.replace(run.photographs, sensor_ups=ups))
+    found = use_gyroscope(run).photographs.ups
+    assert len(found) == len(ups)
+    assert np.abs(np.array(list(found.values())) - [0, -1, 0]).max() < tolerances.GYROSCOPE_UP
 
 
 def test_film_without_a_record_keeps_its_run():

@@ -57,6 +57,8 @@ def use_gyroscope(mapping: Mapping) -> Mapping:
         mapping = mapping.replace(solution=bare or mapping.solved, turns=None)
         return mapping.add_findings({"gyroscope": figures})
     mapping, calibration = held
+    if source == "gyroscope":
+        mapping = _turn_ups(mapping, calibration.camera_from_sensor)
     figures |= _describe(calibration, source)
     name = "gyroscope" if source == "gyroscope" else "record of its orientation"
     mapping.log.note(
@@ -66,6 +68,13 @@ def use_gyroscope(mapping: Mapping) -> Mapping:
         f"{1000 * calibration.offset:.0f} ms late"
     )
     return mapping.add_findings({"gyroscope": figures})
+
+
+def _turn_ups(mapping: Mapping, camera_from_sensor: np.ndarray) -> Mapping:
+    """Turns what an accelerometer beside the gyroscope took for up into the camera's axes."""
+    photographs = mapping.photographs
+    ups = {name: tuple(camera_from_sensor @ up) for name, up in photographs.sensor_ups.items()}
+    return mapping.replace(photographs=dataclasses.replace(photographs, ups=photographs.ups | ups))
 
 
 def _choose_record(found: dict[str, TurnCalibration]) -> str | None:

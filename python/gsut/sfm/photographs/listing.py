@@ -67,6 +67,7 @@ class Photographs:
         orientations: EXIF's by name, 1 for upright; of captures only.
         places: latitude and longitude in degrees, altitude in metres, by name.
         ups: up in the camera's axes by an accelerometer or gimbal, by name.
+        sensor_ups: up in the axes of the gyroscope, which poses show, by name.
         focal_sigma: standard deviation of the logarithm of `exif_focal_px`.
         turns: records of a film's turns by source: (N, 4) seconds and rad/s, see `read_turns`.
         groups: the images of each unknown lens, where there are several.
@@ -90,6 +91,7 @@ class Photographs:
     orientations: dict[str, int] = dataclasses.field(default_factory=dict)
     places: dict[str, tuple[float, float, float]] = dataclasses.field(default_factory=dict)
     ups: dict[str, tuple[float, float, float]] = dataclasses.field(default_factory=dict)
+    sensor_ups: dict[str, tuple[float, float, float]] = dataclasses.field(default_factory=dict)
     focal_sigma: float | None = None
     turns: dict[str, np.ndarray] = dataclasses.field(default_factory=dict)
     groups: tuple[LensGroup, ...] = ()
@@ -276,6 +278,7 @@ def _read_captured(path: Path, captured: dict[str, Any]) -> Photographs:
         },
         places={row["name"]: tuple(row["place"]) for row in rows if row.get("place")},
         ups={row["name"]: tuple(row["up"]) for row in rows if row.get("up")},
+        sensor_ups={row["name"]: tuple(row["sensor_up"]) for row in rows if row.get("sensor_up")},
         focal_sigma=captured.get("focal_sigma"),
         turns={} if frames is not None else read_turns(path, captured),
         groups=_read_groups(captured, rows),
