@@ -11,9 +11,10 @@ from __future__ import annotations
 import collections
 import concurrent.futures
 import dataclasses
+import functools
 import math
 import os
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -29,7 +30,7 @@ from gsut.capture.frames import IMAGES, JPEG_QUALITY, Capture, OnProgress, read_
 from gsut.capture.photograph_formats import decode_stored, require_readers
 from gsut.capture.strip import write_strip
 from gsut.data import CAPTURE, list_some
-from gsut.data.images import IMAGE_SUFFIXES, find_common_mask, find_mask
+from gsut.data.images import IMAGE_SUFFIXES, MaskLookup, find_common_mask, find_mask_folder
 from gsut.data.layouts import require_pictures
 from gsut.data.scene import capture_state
 from gsut.files import (
@@ -119,6 +120,7 @@ def collect_photographs(
     (folder / IMAGES).mkdir(parents=True, exist_ok=True)
     plans, rows = _write(plans, folder, notes, report)
     first = min((p.facts.time for p in plans if p.facts.time is not None), default=0.0)
+    masks_in = functools.cache(lambda root: MaskLookup(find_mask_folder(root)))
     for row, plan in zip(rows, plans, strict=True):
         f = plan.facts
         row["time"] = None if f.time is None else f.time - first
@@ -127,7 +129,7 @@ def collect_photographs(
         row["accuracy"] = None if f.place is None else f.place.accuracy
         row["heading"] = f.heading
         row["up"] = None if plan.turned else f.up
-        mask = found.masks.get(f.path) or _find_mask(f.path, plan.name)
+        mask = found.masks.get(f.path) or _find_mask(f.path, plan.name, masks_in)
         mask = None if plan.is_written else mask
         row["mask"] = None if mask is None else os.path.relpath(mask, folder.resolve())
     figures: dict[str, Any] = {
@@ -346,10 +348,10 @@ def _write(
     return kept, rows
 
 
-def _find_mask(path: Path, name: str) -> Path | None:
+def _find_mask(path: Path, name: str, masks_in: Callable[[Path], MaskLookup]) -> Path | None:
     """Finds the mask of a photograph, as `gsut train` does: masks/NAME.png or mask.png."""
     roots = tuple(dict.fromkeys((path.parent, path.parent.parent)))
-    found = (find_mask(root / "masks", each) for root in roots for each in (name, path.name))
+    found = (masks_in(root).find(each) for root in roots for each in (name, path.name))
     mask = next((each for each in found if each is not None), None) or find_common_mask(*roots)
     return None if mask is None else mask.resolve()
 

@@ -10,7 +10,13 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data.errors import DatasetError, OnError, list_some, raise_error
-from gsut.data.images import IMAGE_SUFFIXES, describe_pictures, read_header
+from gsut.data.images import (
+    IMAGE_SUFFIXES,
+    describe_pictures,
+    find_mask_folder,
+    read_header,
+)
+from gsut.data.layouts import DEPTH_FOLDERS
 from gsut.data.listing import Frame, Listing
 from gsut.data.points import find_usable_points
 from gsut.data.poses import invert_pose
@@ -19,7 +25,6 @@ from gsut.files import split_numbers
 from gsut.lens import Camera
 from gsut.orientation import count_turns
 
-MASKS = "masks"  # the folder of a mask an image
 HALF_PIXEL = 0.5  # a down-scaled copy's size may be rounded by this much
 _PANORAMA_SHAPE = 0.05  # relative difference to twice as wide as high: rows cut off at a pole
 SAME_POSE = 1e-9  # relative difference of two poses of a frame that is listed twice
@@ -88,14 +93,14 @@ def _note_masks(listing: Listing, frames: list[Frame], on_error: OnError) -> Ite
     """Notes masks that belong to no image, and images without a mask among others that have one."""
     used = {frame.mask_path.resolve() for frame in frames if frame.mask_path is not None}
     without = [frame.name for frame in frames if frame.mask_path is None]
-    folder = listing.path / MASKS
+    folder = find_mask_folder(listing.path) or listing.path / "masks"
     found = sorted(p for p in folder.rglob("*") if p.suffix.lower() in IMAGE_SUFFIXES)
     idle = [path.relative_to(folder).as_posix() for path in found if path.resolve() not in used]
     named = listing.source.suffix == ".json"  # each frame names its mask
     advice = (
         "name them by 'mask_path'"
         if named
-        else f"a mask is called as its image: {MASKS}/{frames[0].name}.png"
+        else f"a mask is called as its image: {folder.name}/{frames[0].name}.png"
     )
     if idle and len(idle) == len(found) and not named:
         what = f"none of {len(found)} masks belongs to an image: {list_some(idle)}"
@@ -118,7 +123,7 @@ def _note_unused(listing: Listing) -> Iterator[str]:
                 f"{file} is not used: `gsut align` places a cloud; `ply_file_path` of "
                 "transforms.json, or `points` of dataset.yaml, names the one to start from"
             )
-        is_folder = file.name.lower() in ("depth", "depths", "depth_maps") and file.is_dir()
+        is_folder = file.name.lower() in DEPTH_FOLDERS and file.is_dir()
         if is_folder and all(frame.depth_path is None for frame in listing.frames):
             yield (
                 f"{file} is not used: name its files by `depth_file_path` in transforms.json, with "

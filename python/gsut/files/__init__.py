@@ -23,6 +23,7 @@ from gsut.files.values import (
     parse_yaml,
     read_json,
     read_rows,
+    read_table,
     read_yaml,
     to_plain,
     write_json,

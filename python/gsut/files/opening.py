@@ -87,9 +87,16 @@ def _check_size(path: PathLike, size: int, most: int) -> None:
 
 @contextlib.contextmanager
 def open_text(path: PathLike, *, fails: Fails = FileError) -> Iterator[io.TextIOWrapper]:
-    """Opens a file of UTF-8 text to be read line by line, see `open_binary`."""
+    """Opens a file of text to be read line by line, see `open_binary` and `decode_text`."""
     with open_binary(path, fails=fails) as file, reading(path, SAVE_AS_UTF8, fails):
-        yield io.TextIOWrapper(file, encoding="utf-8-sig")
+        start = file.read(2)
+        file.seek(0)
+        yield io.TextIOWrapper(file, encoding=_find_encoding(start))
+
+
+def _find_encoding(start: bytes) -> str:
+    """Finds the encoding of text by its first bytes: Windows' programs also write UTF-16."""
+    return "utf-16" if start.startswith(_UTF16) else "utf-8-sig"
 
 
 def read_bytes(path: PathLike, most_bytes: int = MOST_BYTES, *, fails: Fails = FileError) -> bytes:
@@ -107,18 +114,14 @@ def read_text(
     advice: str = SAVE_AS_UTF8,
     fails: Fails = FileError,
 ) -> str:
-    """Reads UTF-8 text, with or without a byte order mark, see `open_binary` and `decode_text`.
-
-    Raises:
-        FileError: the same, or it is not UTF-8 text.
-    """
+    """Reads text, see `open_binary` and `decode_text`, and raises the same errors."""
     return decode_text(read_bytes(path, most_bytes, fails=fails), path, advice=advice, fails=fails)
 
 
 def decode_text(
     content: bytes, where: object, *, advice: str = SAVE_AS_UTF8, fails: Fails = FileError
 ) -> str:
-    """Decodes UTF-8 text, with or without a byte order mark; line ends become line feeds.
+    """Decodes UTF-8 text, or UTF-16 with a byte order mark; line ends become line feeds.
 
     Args:
         content: the bytes.
@@ -127,15 +130,14 @@ def decode_text(
         fails: makes the error.
 
     Raises:
-        FileError: names the first byte that is not UTF-8.
+        FileError: names the first byte that is not text.
     """
     try:
-        text = content.decode("utf-8-sig")
+        text = content.decode(_find_encoding(content))
         if (zero := text.find("\0")) >= 0:
             raise fails(where, f"is not text (character {zero} is 0)", advice)
     except UnicodeDecodeError as error:
-        is_utf16 = content.startswith(_UTF16) and len(content) % 2 == 0
-        what = "is UTF-16 text" if is_utf16 else f"is not text (byte {error.start} is not UTF-8)"
+        what = f"is not text (byte {error.start} is not UTF-8)"
         raise fails(where, what, advice) from error
     return text.replace("\r\n", "\n").replace("\r", "\n")
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import math
 import os
+import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +24,7 @@ _MOST_ALIASES = 16  # of a YAML file: each can double what it refers to
 _MOST_NESTED = 200  # lists and objects within each other: functions that call themselves read them
 _MOST_DIGITS = 40  # of a whole number: states of random numbers have 128 bits
 _CORRECT = "correct it"
+_DECIMAL_COMMA = re.compile(r"^(-?\d+),(\d+)$")
 _Pairs = list[tuple[str, Any]]
 
 
@@ -190,6 +194,57 @@ def read_rows(path: PathLike, *, fails: Fails = FileError) -> list[tuple[int, li
             fields = text.split(",") if "," in text else text.split()
             rows.append((number, [field.strip() for field in fields]))
     return rows
+
+
+def read_table(
+    path: PathLike, names: Mapping[str, str], key: str, *, fails: Fails = FileError
+) -> tuple[list[str], list[tuple[int, dict[str, str]]]]:
+    """Reads a table whose heading names its columns.
+
+    Fields are parted by commas, semicolons, tabs or blanks; where not by commas, these may be
+    points of numbers. Capitals, units in brackets and a '#' before the heading do not count; of
+    "X/Easting" the part that is known does.
+
+    Args:
+        path: the file.
+        names: of columns by what programs call them.
+        key: a column of every such table: the first line that has it is the heading.
+        fails: makes the error.
+
+    Returns:
+        The names of the columns, of the first line if none is a heading, and each line's number
+        from 1 and its texts by column.
+
+    Raises:
+        FileError: see `read_text`.
+    """
+    lines = read_text(path, fails=fails).splitlines()
+    heads = [_parse_heading(line, names) for line in lines]
+    place = next((k for k, (_, head) in enumerate(heads) if key in head), 0)
+    if not lines or key not in heads[place][1]:
+        return (heads[place][1] if lines else []), []
+    mark, head = heads[place]
+    rows = []
+    for number, line in enumerate(lines[place + 1 :], place + 2):
+        if line.strip() and not line.startswith("#"):
+            fields = next(csv.reader([line.strip()], delimiter=mark, skipinitialspace=True))
+            if mark != ",":
+                fields = [_DECIMAL_COMMA.sub(r"\1.\2", field) for field in fields]
+            texts = dict.fromkeys(head, "") | dict(zip(head, map(str.strip, fields), strict=False))
+            rows.append((number, texts))
+    return head, rows
+
+
+def _parse_heading(line: str, names: Mapping[str, str]) -> tuple[str, list[str]]:
+    """Returns by what a heading's columns are parted, and their names."""
+    text = line.strip().lstrip("#").strip().lower()
+    mark = next((mark for mark in ";\t," if mark in text), " ")
+    found = []
+    for field in text.split(mark):
+        parts = [re.sub(r"[\[(].*", "", part).strip() for part in field.strip(' "').split("/")]
+        known = [names.get(part, part) for part in parts]
+        found.append(next((part for part in reversed(known) if part in names.values()), known[0]))
+    return mark, found
 
 
 def write_json(path: str | os.PathLike[str], value: Any) -> None:

@@ -54,7 +54,10 @@ def _judge_focal_lengths(camera: _core.Camera) -> str | None:
         )
     size = max(camera.width, camera.height)
     if not (camera.is_parallel or _FOCAL_RANGE[0] <= fx / size <= _FOCAL_RANGE[1]):
-        return f"fx is {fx:g} pixels; it does not go with an image {camera.width} x {camera.height}"
+        return (
+            f"fx is {fx:g} pixels; it does not go with an image {camera.width} x {camera.height} "
+            "(is it in millimetres, or a share of the width?)"
+        )
     return None
 
 

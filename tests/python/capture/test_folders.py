@@ -15,7 +15,7 @@ from gsut.capture.folders import list_folder
 from gsut.capture.streams import is_woven
 from gsut.capture.track import read_film_facts
 from gsut.capture.video import Video
-from gsut.data.images import find_mask
+from gsut.data.images import MaskLookup
 from gsut.files import ENDINGS, find_kind, split_numbers
 
 RNG = np.random.default_rng(20261128)
@@ -279,8 +279,8 @@ def test_raw_and_heic_beside_the_same_jpeg_are_left_out(tmp_path):
 
 def test_mask_of_all_pictures_is_named_as_masks(tmp_path):
     mask = picture(tmp_path / "one.png", ".png")
-    assert find_mask(mask, "a/b.jpg") == mask
-    assert find_mask(tmp_path / "masks", "a/b.jpg") is None
+    assert MaskLookup(mask).find("a/b.jpg") == mask
+    assert MaskLookup(tmp_path / "masks").find("a/b.jpg") is None
 
 
 def test_folder_of_too_many_files_is_refused_before_they_are_opened(tmp_path, monkeypatch):

@@ -155,7 +155,7 @@ def one_frame_twice(values):
 
 def renamed_images(path):
     small.write_colmap_binary(path)
-    (path / "images").rename(path / "photos")
+    (path / "images").rename(path.parent / "elsewhere")
 
 
 def flipped_byte(data: bytes) -> bytes:

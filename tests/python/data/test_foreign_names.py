@@ -36,6 +36,8 @@ def rename(folder, change):
         lambda name: f".\\{name}".replace("/", "\\"),
         lambda name: "C:\\Users\\me\\scan 1\\images\\" + name.replace("/", "\\"),
         lambda name: f"/home/me/scan/images/{name}",
+        lambda name: f"file:///home/me/images/{name}",
+        lambda name: f"../scan/images/{name}",
         lambda name: "".join(f"%{ord(letter):02x}" for letter in name),
     ],
 )
@@ -68,12 +70,80 @@ def test_missing_pictures_name_those_that_lie_there(tmp_path):
         gsut.load_dataset(folder)
 
 
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
 @pytest.mark.parametrize("name", ["cameras", "images", "points3D"])
-def test_byte_order_mark_of_a_model_is_passed_over(tmp_path, name):
+def test_byte_order_mark_of_a_model_is_passed_over(tmp_path, name, encoding):
     folder = rename(tmp_path / "a", lambda name: name)
     file = folder / f"sparse/0/{name}.txt"
-    file.write_bytes(b"\xef\xbb\xbf" + file.read_bytes())
+    file.write_bytes(file.read_text().encode(encoding))
     assert len(gsut.load_dataset(folder).views) == small_datasets.VIEWS
+
+
+@pytest.mark.parametrize(
+    ("write", "old", "new"),
+    [
+        (small_datasets.write_colmap_text, "images", "input"),
+        (small_datasets.write_colmap_text, "images", "Images"),
+        (small_datasets.write_colmap_text, "images", "dense/images"),
+        (small_datasets.write_colmap_text, "sparse", "Sparse"),
+        (small_datasets.write_colmap_text, "sparse", "colmap/sparse"),
+        (small_datasets.write_colmap_text, "sparse/0", "sparse/1"),
+        (small_datasets.write_folder, "images", "rgb"),
+        (small_datasets.write_folder, "images", "IMAGES"),
+        (small_datasets.write_folder, "poses.txt", "Poses.TXT"),
+        (small_datasets.write_folder, "points3D.ply", "points3d.ply"),
+        (small_datasets.write_nerfstudio, "transforms.json", "Transforms.json"),
+    ],
+)
+def test_files_are_found_under_other_usual_names(tmp_path, write, old, new):
+    write(tmp_path)
+    whole = gsut.load_dataset(tmp_path)
+    (tmp_path / old).rename(tmp_path / "moved")
+    (tmp_path / new).parent.mkdir(parents=True, exist_ok=True)
+    (tmp_path / "moved").rename(tmp_path / new)
+    found = gsut.load_dataset(tmp_path)
+    assert len(found.points) == len(whole.points)
+    for one, other in zip(whole.views, found.views, strict=True):
+        assert one.image_path.name == other.image_path.name
+        np.testing.assert_array_equal(one.camera_from_world, other.camera_from_world)
+
+
+def test_one_of_several_models_below_is_never_taken(tmp_path):
+    small_datasets.write_colmap_text(tmp_path)
+    shutil.copytree(tmp_path / "sparse/0", tmp_path / "undistorted/sparse")
+    (tmp_path / "sparse/0").rename(tmp_path / "sparse/raw")
+    with pytest.raises(DatasetError, match=r"2 COLMAP models: sparse/raw, undistorted/sparse"):
+        gsut.load_dataset(tmp_path)
+
+
+def test_names_in_transforms_json_are_of_any_system(tmp_path):
+    small_datasets.write_nerfstudio(tmp_path)
+    values = json.loads((tmp_path / "transforms.json").read_text())
+    shutil.copytree(tmp_path / "images", tmp_path / "masks")
+    names = [frame["file_path"] for frame in values["frames"]]
+    for frame, name in zip(values["frames"], names, strict=True):
+        frame["mask_path"] = name.replace("images/", "Masks\\")
+    values["train_filenames"] = [name.replace("/", "\\").upper() for name in names[:7]]
+    values["test_filenames"] = names[7:]
+    values["ply_file_path"] = ".\\" + values["ply_file_path"].upper()
+    (tmp_path / "transforms.json").write_text(json.dumps(values))
+    scene = gsut.load_dataset(tmp_path)
+    assert len(scene.train_indices) == 7
+    assert all(view.mask_path is not None for view in scene.views)
+    assert len(scene.points)
+
+
+@pytest.mark.parametrize("suffix", [".txt", ".bin"])
+def test_two_cameras_of_one_number_are_refused(tmp_path, suffix):
+    write = {".txt": small_datasets.write_colmap_text, ".bin": small_datasets.write_colmap_binary}
+    write[suffix](tmp_path)
+    file = tmp_path / f"sparse/0/cameras{suffix}"
+    content = file.read_bytes()
+    head = content[:8] if suffix == ".bin" else b""  # the number of cameras
+    twice = (2 * int.from_bytes(head, "little")).to_bytes(len(head), "little")
+    file.write_bytes(twice + content[len(head) :] + b"\n" * (not head) + content[len(head) :])
+    with pytest.raises(gsut.InputError, match="camera 7 is there twice"):
+        gsut.load_dataset(tmp_path)
 
 
 def test_points_ply_of_a_model_are_read(tmp_path):
@@ -103,7 +173,18 @@ def test_scene_of_a_file_for_each_part_is_read_with_its_split(tmp_path):
 
 @pytest.mark.parametrize(
     "name",
-    ["cameras.xml", "reconstruction.json", "bundle.out", "a.nvm", "a.sfm", "poses_bounds.npy"],
+    [
+        "cameras.xml",
+        "reconstruction.json",
+        "bundle.out",
+        "a.nvm",
+        "a.sfm",
+        "poses_bounds.npy",
+        "scene.mvs",
+        "BlocksExchange.xml",
+        "cameras.json",
+        "a.xmp",
+    ],
 )
 @pytest.mark.parametrize("with_pictures", [True, False])
 def test_files_of_other_programs_are_named(tmp_path, name, with_pictures):
@@ -114,7 +195,7 @@ def test_files_of_other_programs_are_named(tmp_path, name, with_pictures):
         gsut.load_dataset(tmp_path)
 
 
-@pytest.mark.parametrize("mask_name", ["masks/{}", "mask.png"])
+@pytest.mark.parametrize("mask_name", ["masks/{}", "mask.png", "Masks/{}.png", "mask/{}"])
 def test_masks_called_as_their_images_and_one_of_all_are_read(tmp_path, mask_name):
     folder = rename(tmp_path / "a", lambda name: name.replace(".png", ".jpg"))
     images = sorted((folder / "images").rglob("*.png"))
@@ -135,6 +216,18 @@ def test_other_models_are_named_with_their_numbers_of_images(tmp_path):
     shutil.copytree(folder / "sparse/0", folder / "sparse/1")
     notes = gsut.load_dataset(folder).notes
     assert any("model of 10 images is used, not sparse/1 of 10" in note for note in notes)
+
+
+@pytest.mark.parametrize("rows", [3, 4])
+def test_matrices_in_lines_are_read(tmp_path, rows):
+    folder = small_datasets.write_folder(tmp_path / "a")
+    whole = gsut.load_dataset(folder)
+    poses = [np.linalg.inv(view.camera_from_world)[:rows] for view in whole.views]
+    lines = [" ".join(f"{x:.17g}" for x in pose.ravel()) for pose in poses]
+    (folder / "poses.txt").write_text("\n".join(lines))
+    found = gsut.load_dataset(folder)
+    for one, other in zip(whole.views, found.views, strict=True):
+        np.testing.assert_allclose(one.camera_from_world, other.camera_from_world, atol=1e-9)
 
 
 @pytest.mark.parametrize("blank", [" ", ";"])

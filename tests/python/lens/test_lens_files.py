@@ -317,6 +317,7 @@ NERFSTUDIO = {"w": 640, "h": 480.0, "fl_x": 300, "fl_y": 310, "cx": 320, "cy": 2
         ({"camera_model": "OPENCV", "k3": 0.1}, "opencv5", [0, 0, 0, 0, 0.1]),
         ({"camera_model": "FULL_OPENCV", "k4": 0.1}, "opencv8", [0, 0, 0, 0, 0, 0.1, 0, 0]),
         ({"camera_model": "OPENCV_FISHEYE", "k4": 0.1}, "kannala_brandt", [0, 0, 0, 0.1]),
+        ({"camera_model": "opencv_fisheye", "k4": 0.1}, "kannala_brandt", [0, 0, 0, 0.1]),
         ({"is_fisheye": True, "k1": 0.1}, "kannala_brandt", [0.1, 0, 0, 0]),
         (
             {"camera_model": "FISHEYE624", "distortion_params": [0.1, *[0.0] * 10, 0.01]},
@@ -337,6 +338,8 @@ def test_nerfstudio_camera_without_focal_takes_the_angle():
     assert list(camera.params) == pytest.approx([320, 320, 320, 240])
     values["camera_angle_y"] = 2 * np.arctan(0.5)
     assert camera_from_nerfstudio(values).params[1] == pytest.approx(480)
+    del values["camera_angle_x"]
+    assert list(camera_from_nerfstudio(values).params[:2]) == pytest.approx([480, 480])
     limited = camera_from_nerfstudio({**NERFSTUDIO, "max_theta_rad": 0.5})
     assert limited.max_angle == pytest.approx(0.5)
 

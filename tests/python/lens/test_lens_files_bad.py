@@ -50,6 +50,8 @@ BAD_FILES = [
     ("a.yaml", OPENCV.replace("31.5, ", ""), "line 5, key 'camera_matrix': expected 9"),
     ("a.yaml", OPENCV + "D: [1, 2, 3]\n", "line 10, key 'D': expected 4, 5, 8, 12, 14"),
     ("a.yaml", OPENCV + "fisheye: 1\n", "a fisheye has 4 coefficients, found 0"),
+    ("a.yaml", OPENCV + "lens_dist: [1, 2, 3, 4]\n", "line 10, key 'lens_dist': is it the dist"),
+    ("a.yaml", OPENCV.replace("30.", "0.05"), "fx is 0.05 pixels.*millimetres"),
     ("a.yaml", OPENCV[:-10], "not YAML"),
     ("a.yaml", "x: 1\n", "holds none of cameras .*camera_matrix"),
     ("a.json", '{"fl_x": 1,', "not valid JSON at line 1"),

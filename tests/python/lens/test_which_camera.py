@@ -92,7 +92,12 @@ def test_xml_of_opencv_is_read_as_its_yaml(tmp_path):
         file.write("distortion_coefficients", np.array([[-0.1, 0.01, 1e-4, -2e-4, 0.003]]))
         file.release()
         lenses.append(gsut.load_camera(tmp_path / name))
-    assert lenses[0] == lenses[1] and lenses[0].model == "opencv5"
+    text = (tmp_path / "a.xml").read_text()
+    text = text.replace("<image_width>160</image_width>", "<image_size>160 120</image_size>")
+    text = text.replace("distortion_coefficients", "dist_coeff")
+    (tmp_path / "c.xml").write_bytes(text.encode("utf-16"))
+    lenses.append(gsut.load_camera(tmp_path / "c.xml"))
+    assert lenses[0] == lenses[1] == lenses[2] and lenses[0].model == "opencv5"
     (tmp_path / "b.xml").write_text("<opencv_storage><image_width>")
     with pytest.raises(gsut.CalibrationError, match="not XML"):
         gsut.load_camera(tmp_path / "b.xml")

@@ -81,6 +81,29 @@ def test_latitudes_are_metres_about_the_first(tmp_path):
         np.testing.assert_allclose(found[name], place, atol=GEODETIC_METRES)
 
 
+METRIC = "name,x,y,z\na.jpg,0,0,0\nb.jpg,1,2,3.5\n"
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        METRIC,
+        METRIC.replace(",", ";"),
+        METRIC.replace(",", ";").replace(".5", ",5"),
+        METRIC.replace(",", "\t"),
+        METRIC.replace(",", " "),
+        METRIC.replace("name,x,y,z", "# of a tape\n#Label,X/Easting,Y/Northing,Z/Altitude"),
+        METRIC.replace("name,x,y,z", "Filename,East [m],North [m],Elevation (m),Yaw"),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+def test_positions_of_other_programs_are_read(tmp_path, text, encoding):
+    (tmp_path / "p.csv").write_bytes(text.encode(encoding))
+    found = read_positions(tmp_path / "p.csv")
+    assert list(found) == ["a.jpg", "b.jpg"]
+    np.testing.assert_array_equal(found["b.jpg"], [1, 2, 3.5])
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
@@ -90,6 +113,8 @@ def test_latitudes_are_metres_about_the_first(tmp_path):
         ("name,x,y,z\na.jpg,1,2,nan\n", "p.csv:2: a name and three numbers"),
         ("name,x,y,z\nb.jpg,1,2,3\n", "0 of its 1 names .* like images/0.jpg"),
         ("name,x,y,z\n0.jpg,1,2,3\n1.jpg,2,3,4\n2.jpg,3,4,5\n", "on a line"),
+        ("name,x,y,z\n0.jpg,1,2,3\n0.jpg,2,3,4\n", "p.csv:3: 0.jpg is there twice"),
+        ("name,lat,lon,alt\n0.jpg,100,47,3\n", "p.csv:2: latitude 100 .* exchanged"),
     ],
 )
 def test_wrong_positions_are_refused(poses, tmp_path, monkeypatch, text, said):

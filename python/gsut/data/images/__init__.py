@@ -18,5 +18,12 @@ from gsut.data.images.fixed_pixels import (
     describe_fixed_pixels,
     find_fixed_pixels,
 )
-from gsut.data.images.lookup import PictureLookup, describe_pictures, normalize_name
-from gsut.data.images.masks import find_common_mask, find_mask, make_lens_mask, read_mask
+from gsut.data.images.lookup import PictureLookup, describe_pictures, list_picture_names
+from gsut.data.images.masks import (
+    MaskLookup,
+    find_common_mask,
+    find_mask_folder,
+    make_lens_mask,
+    read_mask,
+)
+from gsut.data.images.names import find_named, normalize_name

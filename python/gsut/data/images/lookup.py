@@ -5,22 +5,15 @@ from __future__ import annotations
 import functools
 import os
 import re
-import unicodedata
 from pathlib import Path
-from urllib.parse import unquote
 
 from gsut.data.errors import list_some
+from gsut.data.images.names import normalize_name
 from gsut.files import ENDINGS, split_numbers
 
 # Start of a path of another machine, of which the last parts alone can be found here.
-_ABSOLUTE = re.compile(r"[a-z]:/|/")
+_ABSOLUTE = re.compile(r"[a-z]+:/|/|\.\./")
 _MOST_LETTERS = 4096  # of a path, on the systems that take the longest
-
-
-def normalize_name(name: str) -> str:
-    """Returns a name without what systems differ in: slashes, capitals, %20, forms of letters."""
-    plain = unicodedata.normalize("NFC", unquote(name).replace("\\", "/")).casefold()
-    return plain.removeprefix("./")
 
 
 class PictureLookup:

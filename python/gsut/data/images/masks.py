@@ -8,6 +8,8 @@ import numpy as np
 
 from gsut.data.errors import DatasetError
 from gsut.data.images.decode import decode_mask, shrink_mask
+from gsut.data.images.lookup import PictureLookup
+from gsut.data.images.names import find_named
 from gsut.lens import Camera
 
 _LONGER_SIDE = 512  # of the smaller image, pixels
@@ -75,15 +77,27 @@ def find_common_mask(*folders: Path) -> Path | None:
     return next((mask for mask in masks if mask.is_file()), None)
 
 
-def find_mask(folder: Path, name: str) -> Path | None:
-    """Finds an image's mask: folder/name with .png added (COLMAP's rule) or in place, or as it is.
+def find_mask_folder(root: Path) -> Path | None:
+    """Finds the folder of masks of a dataset: masks or mask, in capitals or not."""
+    return find_named(root, "masks", "mask")
 
-    A file in place of the folder is the mask of all images.
+
+class MaskLookup:
+    """Finds masks by the names of their images.
+
+    Args:
+        folder: that holds them; a file is the mask of all images; None: there are none.
     """
-    if folder.is_file():
-        return folder
-    for place in (f"{name}.png", PurePosixPath(name).with_suffix(".png"), name):
-        candidate = folder / place
-        if candidate.is_file():
-            return candidate
-    return None
+
+    def __init__(self, folder: Path | None) -> None:
+        self._common = folder if folder is not None and folder.is_file() else None
+        self._pictures = None if folder is None else PictureLookup(folder)
+
+    def find(self, name: str) -> Path | None:
+        """Finds an image's mask: its name with .png added (COLMAP's rule) or in place of its
+        ending, with _mask (Metashape's), or as it is."""
+        if self._common is not None or self._pictures is None:
+            return self._common
+        stem = PurePosixPath(name).with_suffix("")
+        places = (f"{name}.png", f"{stem}.png", f"{stem}_mask.png", name)
+        return next(filter(None, map(self._pictures.find, places)), None)

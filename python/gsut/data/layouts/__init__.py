@@ -8,4 +8,10 @@ from gsut.data.layouts._layout import (
     require_pictures,
 )
 from gsut.data.layouts.description import KEYS, describe_recording, replace_parts
-from gsut.data.layouts.folder import find_images, find_lens_file, find_lens_files
+from gsut.data.layouts.folder import (
+    DEPTH_FOLDERS,
+    find_image_folder,
+    find_images,
+    find_lens_file,
+    find_lens_files,
+)

@@ -58,6 +58,9 @@ def find_layout(path: Path, without: Collection[str] = ()) -> Layout | None:
     return next((each for each in known if each.holds(path)), None)
 
 
+_WRITE_POSES = (
+    "write its poses, camera-to-world with OpenCV axes, to poses.json and its lens to lens.yaml"
+)
 # Files by which projects of other programs are recognised, and how to get from there.
 _FOREIGN = {
     "cameras.xml": "Metashape's: export the cameras as COLMAP",
@@ -77,6 +80,18 @@ _FOREIGN = {
     "*calibrated_camera_parameters.txt": "Pix4D's: export the cameras as COLMAP",
     "poses_bounds.npy": "LLFF's: give the COLMAP model that it was made of",
     "*.ccm": "iTwin Capture's: export the cameras as COLMAP",
+    "cameras.json": "3DGS's: give the dataset that it was trained on",
+    "cams/*_cam.txt": f"MVSNet's: {_WRITE_POSES}",
+    "*.pose.txt": f"of 7-Scenes: {_WRITE_POSES}",
+    "pose/0*.txt": f"of ScanNet or NSVF: {_WRITE_POSES}",
+    "poses/0*.txt": f"of ScanNet or NSVF: {_WRITE_POSES}",
+    "*.npz": f"arrays of numpy: {_WRITE_POSES}",
+    "poses.npy": f"an array of numpy: {_WRITE_POSES}",
+    "*.log": f"of Tanks and Temples, if it is a trajectory: {_WRITE_POSES}",
+    "*.mvs": "OpenMVS's: give the COLMAP model that it was made of",
+    "BlocksExchange*.xml": "iTwin Capture's: export the cameras as COLMAP",
+    "images/*.xmp": "RealityScan's: if it has poses, export the registration as COLMAP",
+    "*.xmp": "RealityScan's: if it has poses, export the registration as COLMAP",
     "database.db": "COLMAP's, without a model: run `colmap mapper`",
     "*.r3d": "Record3D's archive: run `gsut data convert FILE OUT`",
     "*.e57": "a laser scanner's: export the cloud as LAS or PLY",

@@ -26,11 +26,18 @@ from gsut.data.colmap import (
 )
 from gsut.data.errors import DatasetError, OnError, list_some, raise_error
 from gsut.data.export import Export, list_losses, place_images
-from gsut.data.images import PictureLookup, find_common_mask, find_mask
+from gsut.data.images import (
+    MaskLookup,
+    PictureLookup,
+    find_common_mask,
+    find_mask_folder,
+    find_named,
+    list_picture_names,
+)
 from gsut.data.layouts._layout import Layout
-from gsut.data.layouts.folder import POINT_FILES
+from gsut.data.layouts.folder import POINT_FILES, POSE_FILES
 from gsut.data.listing import Frame, Listing
-from gsut.data.points import load_points_ply
+from gsut.data.points import load_points
 from gsut.data.poses import invert_pose, pose_from_quaternion
 from gsut.files import read_bytes, read_text, write_file
 from gsut.lens import Camera
@@ -38,28 +45,62 @@ from gsut.lens.files import camera_from_colmap, list_binary_cameras, list_text_c
 
 MODEL_FOLDERS = ("sparse/0", "sparse", ".")
 IMAGE_FOLDERS = ("images", "images_2", "images_4", "images_8", ".")
+_SUFFIXES = (".bin", ".txt")
+_DEEPEST = 3  # folders below the dataset's in which a model is looked for, as in dense/0/sparse
+_LOOKED_UP = 100  # names of images by which the folder of pictures is chosen
 
 
 def find_model(path: Path) -> Path | None:
     """Finds the folder with cameras and images (.bin or .txt): sparse/0, sparse, or this one."""
     for name in MODEL_FOLDERS:
-        folder = path / name
-        for suffix in (".bin", ".txt"):
-            if all((folder / f"{stem}{suffix}").is_file() for stem in ("cameras", "images")):
-                return folder
+        folder = find_named(path, name)
+        if folder is not None and _find_suffix(folder) is not None:
+            return folder
     return None
 
 
-def read_colmap(path: Path, *, on_error: OnError = raise_error) -> Listing:
+def _find_suffix(folder: Path) -> str | None:
+    for suffix in _SUFFIXES:
+        if all((folder / f"{stem}{suffix}").is_file() for stem in ("cameras", "images")):
+            return suffix
+    return None
+
+
+def _find_models_below(path: Path) -> list[Path]:
+    """Finds models in other folders, such as dense/0/sparse, of what is no dataset otherwise."""
+    if not path.is_dir() or find_model(path) or find_named(path, *POSE_FILES):
+        return []
+    patterns = ["*/" * deep + "cameras.*" for deep in range(1, 1 + _DEEPEST)]
+    folders = dict.fromkeys(file.parent for each in patterns for file in sorted(path.glob(each)))
+    return [folder for folder in folders if _find_suffix(folder) is not None]
+
+
+def _read_below(path: Path, on_error: OnError) -> Listing:
+    models = _find_models_below(path)
+    if len(models) > 1:
+        names = list_some([model.relative_to(path).as_posix() for model in models])
+        raise DatasetError(
+            path, f"it holds {len(models)} COLMAP models: {names}",
+            "move the one to use to sparse/0, beside the images",
+        )  # fmt: skip
+    listing = read_colmap(path, model=models[0], on_error=on_error)
+    listing.notes.append(f"{models[0]}: the model is read from here")
+    return listing
+
+
+def read_colmap(
+    path: Path, *, model: Path | None = None, on_error: OnError = raise_error
+) -> Listing:
     """Reads a COLMAP model and finds its images and masks.
 
     Args:
         path: the dataset (with sparse/0 and images), or the model's own folder.
+        model: the model's folder; None: it is looked for.
         on_error: receives each error of a single camera or image.
     Raises:
         DatasetError: a file is truncated or malformed.
     """
-    model = find_model(path)
+    model = find_model(path) if model is None else model
     if model is None:
         raise DatasetError(
             path,
@@ -73,6 +114,7 @@ def read_colmap(path: Path, *, on_error: OnError = raise_error) -> Listing:
     places = _read_rig_places(model, suffix, on_error)
     folder = _find_image_folder(path, model, [row.name for row in image_rows])
     listing, pictures = Listing(path, source), PictureLookup(folder)
+    masks = MaskLookup(find_mask_folder(folder.parent))
     common_mask = find_common_mask(folder, folder.parent)
     for row in image_rows:
         try:
@@ -92,7 +134,7 @@ def read_colmap(path: Path, *, on_error: OnError = raise_error) -> Listing:
             pose = pose_from_quaternion(
                 row.quat_wxyz, row.translation, f"{row.where}, image {row.name}"
             )
-            mask = find_mask(folder.parent / "masks", name) or common_mask
+            mask = masks.find(name) or common_mask
             lens, place = cameras[row.camera_id], places.get(row.image_id)
             listing.frames.append(
                 Frame(name, image_path, lens, invert_pose(pose), mask_path=mask, rig=place)
@@ -102,7 +144,7 @@ def read_colmap(path: Path, *, on_error: OnError = raise_error) -> Listing:
     try:
         listing.points, listing.point_colors = read_model_points(model)
         listing.points_source = _find_points_file(model)
-        beside = next((path / name for name in POINT_FILES if (path / name).is_file()), None)
+        beside = find_named(path, *POINT_FILES)
         if not len(listing.points) and beside is not None:
             listing.take_points(beside)
     except InputError as error:
@@ -185,9 +227,8 @@ def _name_below(folder: Path, path: Path, name: str) -> str:
 
 
 def _find_points_file(model: Path) -> Path | None:
-    # A PLY is what other programs leave there.
-    files = (model / f"points3D{suffix}" for suffix in (".bin", ".txt", ".ply"))
-    return next((file for file in files if file.is_file()), None)
+    # A PLY or a cloud is what other programs leave there.
+    return find_named(model, *(f"points3D{each}" for each in (*_SUFFIXES, ".ply", ".las", ".laz")))
 
 
 def read_model_points(model: Path) -> tuple[np.ndarray, np.ndarray]:
@@ -195,14 +236,24 @@ def read_model_points(model: Path) -> tuple[np.ndarray, np.ndarray]:
     file = _find_points_file(model)
     if file is None:
         return np.zeros((0, 3)), np.zeros((0, 3), np.uint8)
-    return load_points_ply(file) if file.suffix == ".ply" else read_points(file)
+    return read_points(file) if file.suffix.lower() in _SUFFIXES else load_points(file)
 
 
 def _find_image_folder(path: Path, model: Path, names: list[str]) -> Path:
     """Finds the folder that holds most of the images; of several, that of the full size."""
     roots = list(dict.fromkeys([path, model.parent, model.parent.parent]))
-    folders = [root / name for root in roots for name in IMAGE_FOLDERS if (root / name).is_dir()]
-    return max(folders, key=lambda folder: sum(os.path.isfile(folder / name) for name in names))
+    found = [find_named(root, name) for root in roots for name in IMAGE_FOLDERS]
+    folders = [folder for folder in found if folder is not None and folder.is_dir()]
+
+    def count(folder: Path) -> int:
+        return sum(os.path.isfile(folder / name) for name in names[:_LOOKED_UP])
+
+    best = max(folders, key=count)
+    if not count(best):
+        below = {path / name for name in list_picture_names(path)}
+        above = dict.fromkeys(each for file in sorted(below) for each in file.parents)
+        best = max([best, *(each for each in above if each.is_relative_to(path))], key=count)
+    return best
 
 
 def _list_other_models(model: Path) -> list[str]:
@@ -246,10 +297,17 @@ def write_colmap(folder: Path, export: Export) -> list[str]:
 LAYOUTS = (
     Layout(
         "colmap",
-        "cameras and images (.bin or .txt) in sparse/0, sparse or the folder",
+        "sparse/0/cameras.bin (or .txt) and images",
         rank=40,
         holds=lambda path: path.is_dir() and find_model(path) is not None,
         read=lambda path, on_error: read_colmap(path, on_error=on_error),
         write=write_colmap,
+    ),
+    Layout(
+        "colmap elsewhere",
+        "dense/0/sparse ...",
+        rank=85,
+        holds=lambda path: bool(_find_models_below(path)),
+        read=_read_below,
     ),
 )

@@ -18,7 +18,7 @@ from pathlib import Path
 
 from gsut._core import InputError
 from gsut.data.errors import DatasetError, list_some
-from gsut.data.images import IMAGE_SUFFIXES
+from gsut.data.images import IMAGE_SUFFIXES, find_mask_folder, find_named
 from gsut.data.layouts._layout import Layout, find_foreign_files
 from gsut.data.recordings import MASK, Recording, Stream, find_stream, list_pictures
 from gsut.data.rigs import is_rig_file, read_mounts
@@ -30,8 +30,12 @@ LENS_PATTERNS = (
     "lens.*", "camera.*", "*.cameramodel", "calibration.*", "camchain*.yaml", "rig.json",
     "*.yaml", "*.yml", "cameras.txt",
 )  # fmt: skip
-POSE_FILES = ("poses.txt", "poses.json", "trajectory.txt", "groundtruth.txt")
+POSE_FILES = (
+    "poses.txt", "poses.json", "trajectory.txt", "groundtruth.txt", "poses.csv", "traj.txt",
+)  # fmt: skip
 POINT_FILES = ("points3D.ply", "points.ply", "points.las", "points.laz")
+DEPTH_FOLDERS = ("depth", "depths", "depth_maps")
+NO_IMAGES = ("masks", "mask", *DEPTH_FOLDERS)  # folders of pictures that are no photographs
 _LENS_ENDINGS = (".lens.json", ".cameramodel", ".yaml", ".yml", ".json")
 
 
@@ -74,7 +78,7 @@ def find_lens_files(path: Path) -> dict[str, Path]:
 
     The file is named as the folder, or stated under `lens` in dataset.yaml.
     """
-    root = path / "images" if (path / "images").is_dir() else path
+    root = find_image_folder(path)
     names = {p.relative_to(root).parts[0] for p in find_images(path) if p.parent != root}
     file = path / DESCRIPTION
     stated = read_yaml(file).get("lens") if file.is_file() else None
@@ -87,10 +91,22 @@ def find_lens_files(path: Path) -> dict[str, Path]:
     return {name: file for name, file in beside.items() if file is not None}
 
 
+def find_image_folder(path: Path) -> Path:
+    """Finds DATA/images, or DATA if pictures lie there, or the only other folder that has some."""
+    images = find_named(path, "images")
+    if images is not None and images.is_dir():
+        return images
+    if not path.is_dir() or list_pictures(path):
+        return path
+    others = [each for each in path.iterdir() if each.is_dir() and each.name not in NO_IMAGES]
+    found = [each for each in others if list_pictures(each)]
+    return found[0] if len(found) == 1 else path
+
+
 def find_images(path: Path) -> list[Path]:
-    """Finds all images below DATA/images, or in DATA itself if that does not exist, sorted."""
-    folder = path / "images"
-    return list_pictures(folder, below=True) if folder.is_dir() else list_pictures(path)
+    """Finds all images of a dataset, see `find_image_folder`, sorted."""
+    folder = find_image_folder(path)
+    return list_pictures(folder, below=folder != path)
 
 
 def record(path: Path) -> Recording:
@@ -102,7 +118,7 @@ def record(path: Path) -> Recording:
     images = find_images(path)
     if not images:
         raise DatasetError(path, "there are no images", "put PNG or JPEG files into 'images'")
-    root = path / "images" if (path / "images").is_dir() else path
+    root = find_image_folder(path)
     own = find_lens_files(path)
     lens_path = find_lens_file(path, without=own.values())
     foreign = find_foreign_files(path)
@@ -113,7 +129,7 @@ def record(path: Path) -> Recording:
             f"`gsut scene {path} -o RUN` makes a scene of photographs, `gsut poses` finds lens and "
             "poses alone; a lens file of `gsut calibrate` beside them is used",
         )
-    poses = next((path / n for n in POSE_FILES if (path / n).is_file()), None)
+    poses = find_named(path, *POSE_FILES)
     if poses is None:
         raise DatasetError(
             path,
@@ -129,8 +145,7 @@ def record(path: Path) -> Recording:
             stream.mask = stream.mask or mask
     return Recording(
         path, streams, functools.partial(read_mounts, lens), poses, names_from=root,
-        points=next((path / n for n in POINT_FILES if (path / n).is_file()), None),
-        masks=path / "masks",
+        points=find_named(path, *POINT_FILES), masks=find_mask_folder(path),
     )  # fmt: skip
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from gsut._core import InputError, Shutter
 from gsut.data.errors import DatasetError, OnError, list_some, raise_error
 from gsut.data.export import POINTS, Export, place_images
-from gsut.data.images import PictureLookup, read_header
+from gsut.data.images import PictureLookup, find_named, read_header
 from gsut.data.layouts._layout import Layout
 from gsut.data.layouts.colmap import find_model, read_model_points
 from gsut.data.listing import Frame, Listing
@@ -42,7 +42,7 @@ def read_nerfstudio(path: Path, *, on_error: OnError = raise_error) -> Listing:
     Raises:
         DatasetError: the file is missing, cut off, or its lists and points are broken.
     """
-    source = path / FILE_NAME if path.is_dir() else path
+    source = (find_named(path, FILE_NAME) or path / FILE_NAME) if path.is_dir() else path
     values = read_json(source)
     if not isinstance(values, dict) or not isinstance(values.get("frames"), list):
         raise DatasetError(
@@ -180,8 +180,8 @@ def _find_mask(frame: dict, values: dict, folder: Path, where: str) -> Path | No
     name = frame.get("mask_path", values.get("mask_path"))
     if not name:
         return None
-    path = folder / str(name)
-    if not path.is_file():
+    path = find_named(folder, str(name))
+    if path is None or not path.is_file():
         raise DatasetError(
             where, f"mask_path '{name}' does not exist", "add the file or drop the key"
         )
@@ -193,8 +193,8 @@ def _find_geometry(frame: dict, key: str, listing: Listing) -> Path | None:
     name = frame.get(key)
     if not name:
         return None
-    path = listing.path / str(name)
-    if path.is_file():
+    path = find_named(listing.path, str(name))
+    if path is not None and path.is_file():
         return path
     listing.missing_depth.append(str(name))
     return None
@@ -260,8 +260,8 @@ def _read_names(values: dict, key: str, source: Path) -> list[str] | None:
 def _read_points(values: dict, listing: Listing) -> None:
     name = values.get("ply_file_path")
     if name:
-        path = listing.path / str(name)
-        if not path.is_file():
+        path = find_named(listing.path, str(name))
+        if path is None or not path.is_file():
             raise DatasetError(
                 listing.source,
                 f"the points' file '{name}' does not exist",
@@ -304,7 +304,8 @@ def _read_parts(folder: Path, on_error: OnError) -> Listing:
 
     Training images are trained on, test images held out; validation images where no others are.
     """
-    files = {part: folder / name for part, name in _PARTS.items() if (folder / name).is_file()}
+    found = {part: find_named(folder, name) for part, name in _PARTS.items()}
+    files = {part: file for part, file in found.items() if file is not None}
     held_out = "test" if "test" in files else "val"
     whole = read_nerfstudio(files["train"], on_error=on_error)
     whole.listed_train = [frame.name for frame in whole.frames]
@@ -324,7 +325,7 @@ LAYOUTS = (
         "nerf-synthetic",
         "transforms_train.json",
         rank=15,
-        holds=lambda path: path.is_dir() and (path / _PARTS["train"]).is_file(),
+        holds=lambda path: path.is_dir() and find_named(path, _PARTS["train"]) is not None,
         read=_read_parts,
     ),
     Layout(
@@ -332,7 +333,9 @@ LAYOUTS = (
         f"{FILE_NAME} (or instant-ngp's)",
         rank=10,
         holds=lambda path: (
-            path.suffix.lower() == ".json" if path.is_file() else (path / FILE_NAME).is_file()
+            path.suffix.lower() == ".json"
+            if path.is_file()
+            else find_named(path, FILE_NAME) is not None
         ),
         read=lambda path, on_error: read_nerfstudio(path, on_error=on_error),
         write=write_nerfstudio,

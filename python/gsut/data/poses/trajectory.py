@@ -18,7 +18,7 @@ from gsut.files import read_json, read_text, register_reader
 from gsut.gaussians import quaternion_from_rotation
 
 _TUM = 8  # fields of a line: label, position, quaternion
-_KITTI = 12  # fields of a line: a 3x4 matrix
+_KITTI = (12, 16)  # fields of a line: a 3x4 matrix, or a 4x4 one
 _ADVICE = (
     "`gsut scene` makes a scene of photographs, `gsut poses` finds their poses alone; or write "
     "poses.txt with lines 'name tx ty tz qx qy qz qw' (camera-to-world, OpenCV axes)"
@@ -59,7 +59,8 @@ def read_trajectory(source: Path, on_error: OnError) -> Trajectory:
 
     TUM: `label tx ty tz qx qy qz qw`. EuRoC: the same with commas, the quaternion w first, and
     more columns after it. Either way a heading that names the columns decides on the quaternion's
-    order. KITTI: the 12 numbers of a 3x4 matrix, row by row. JSON: {"name": 4x4 matrix}.
+    order. KITTI: the 12 numbers of a 3x4 matrix, row by row, or the 16 of a 4x4 one. JSON:
+    {"name": 4x4 matrix}.
 
     Args:
         source: the file.
@@ -94,8 +95,10 @@ _Rows = tuple[list[str] | None, list[_Make]]
 
 def _read_json_rows(source: Path) -> _Rows:
     values = read_json(source)
-    if not isinstance(values, dict):
-        raise DatasetError(source, "not an object of names and matrices", _ADVICE)
+    if not isinstance(values, dict) or "frames" in values:
+        what = "not an object of names and matrices"
+        is_nerfstudio = isinstance(values, dict)
+        raise DatasetError(source, what, "call it transforms.json" if is_nerfstudio else _ADVICE)
     makers = [
         functools.partial(check_rigid, matrix, f"{source}, image {name}")
         for name, matrix in values.items()
@@ -118,7 +121,7 @@ def _read_table_rows(source: Path) -> _Rows:
             continue
         place = f"{source}, line {number}"
         if kitti is None:
-            kitti = len(line.split()) == _KITTI and all(is_time(v) for v in line.split())
+            kitti = len(line.split()) in _KITTI and all(is_time(v) for v in line.split())
         if kitti:
             makers.append(functools.partial(_parse_kitti_pose, line, place))
             continue
@@ -163,12 +166,14 @@ def _parse_pose(fields: list[str], w_first: bool, place: str, line: str) -> np.n
 
 def _parse_kitti_pose(line: str, place: str) -> np.ndarray:
     try:
-        return check_rigid(np.reshape([float(v) for v in line.split()], (3, 4)), place)
+        return check_rigid(np.reshape([float(v) for v in line.split()], (-1, 4)), place)
     except ValueError as error:
         if isinstance(error, InputError):
             raise
         raise DatasetError(
-            place, f"expected the 12 numbers of a 3x4 matrix, found '{line}'", "correct the line"
+            place,
+            f"expected the numbers of a 3x4 or 4x4 matrix, found '{line}'",
+            "correct the line",
         ) from error
 
 

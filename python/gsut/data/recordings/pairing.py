@@ -11,7 +11,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data.errors import DatasetError, OnError, list_some
-from gsut.data.images import find_mask, normalize_name
+from gsut.data.images import MaskLookup, normalize_name
 from gsut.data.listing import Frame, Listing
 from gsut.data.poses import (
     NANOSECONDS,
@@ -121,16 +121,16 @@ def _add_frames(
     recording: Recording,
 ) -> None:
     root = recording.names_from or recording.path
-    without = []
+    without, masks = [], MaskLookup(recording.masks)
     for path, pose, time in zip(stream.images, poses, times, strict=True):
         name = path.relative_to(root).as_posix() if path.is_relative_to(root) else path.name
         if pose is None:
             without.append(name)
             continue
-        mask = find_mask(recording.masks, name) if recording.masks is not None else None
         listing.frames.append(
             Frame(
-                name, path, mount.camera, pose @ body_from_this, mask_path=mask or stream.mask,
+                name, path, mount.camera, pose @ body_from_this,
+                mask_path=masks.find(name) or stream.mask,
                 depth_path=stream.depths.get(path), depth_form=stream.depth_form, time_ns=time,
             )
         )  # fmt: skip

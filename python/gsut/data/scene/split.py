@@ -10,6 +10,7 @@ import numpy as np
 
 from gsut.bounds import check_number
 from gsut.data.errors import DatasetError, list_some
+from gsut.data.images import normalize_name
 from gsut.data.scene.scene import Scene
 
 TEST_EVERY = 8  # every 8th image by name is held out, as in the 3DGS papers
@@ -142,9 +143,9 @@ def _find_indices(
 
 
 def _clean(name: object) -> str:
-    return str(PurePosixPath(str(name)))
+    return normalize_name(str(PurePosixPath(str(name))))
 
 
 def _list_aliases(name: str) -> set[str]:
-    path = PurePosixPath(name)
+    path = PurePosixPath(_clean(name))
     return {str(path), path.name, path.stem, str(path.parent / path.stem)}

@@ -6,6 +6,7 @@ import dataclasses
 import functools
 import importlib
 import pkgutil
+import re
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable
 from pathlib import Path
@@ -15,6 +16,7 @@ from gsut._core import CalibrationError
 from gsut.files import decode_text, parse_json, parse_yaml
 from gsut.lens.camera import Camera
 
+_NUMBERS = re.compile(r"[-+.\deE]+(?:\s+[-+.\deE]+)+")
 KEYED = (".json", ".yaml", ".yml")  # suffixes of files of keys and values
 
 
@@ -79,7 +81,7 @@ class LensFormat:
 
 def is_opencv_xml(file: LensFile) -> bool:
     """Returns whether a file is what OpenCV's FileStorage writes as XML."""
-    return file.path.suffix.lower() == ".xml" and b"<opencv_storage" in file.data
+    return file.path.suffix.lower() == ".xml" and "<opencv_storage" in file.text
 
 
 def _read_opencv_xml(file: LensFile) -> dict[str, Any]:
@@ -94,7 +96,8 @@ def _read_opencv_xml(file: LensFile) -> dict[str, Any]:
     for element in root:
         parts = {child.tag: (child.text or "").strip() for child in element}
         text = (element.text or "").strip()
-        values[element.tag] = {**parts, "data": parts["data"].split()} if "data" in parts else text
+        words: Any = text.split() if _NUMBERS.fullmatch(text) else text  # a size: 640 480
+        values[element.tag] = {**parts, "data": parts["data"].split()} if "data" in parts else words
     return values
 
 

@@ -84,6 +84,7 @@ def camera_from_colmap(
     """
     prefix = f"{source}: " if source else ""
     name = MODEL_NAMES.get(model, str(model)) if isinstance(model, int) else str(model)
+    name = name.upper()
     entry = _MODELS.get(name)
     if entry is None:
         raise CalibrationError(
@@ -135,6 +136,21 @@ def list_text_cameras(text: str, source: str) -> list[ColmapCamera]:
         except ValueError as error:
             raise CalibrationError(f"{where}: {error}") from error
         found.append(ColmapCamera(key, words[1], width, height, params, where))
+    return require_one_each(found)
+
+
+def require_one_each(found: list[ColmapCamera]) -> list[ColmapCamera]:
+    """Returns cameras of which no two have one number.
+
+    Raises:
+        CalibrationError: two do: names the later one.
+    """
+    numbers = set[int]()
+    for each in found:
+        if each.camera_id in numbers:
+            what = f"camera {each.camera_id} is there twice; give one of them another number"
+            raise CalibrationError(f"{each.where}: {what}")
+        numbers.add(each.camera_id)
     return found
 
 

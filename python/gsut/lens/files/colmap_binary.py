@@ -12,6 +12,7 @@ from gsut.lens.files.colmap import (
     SUPPORTED,
     ColmapCamera,
     choose_camera,
+    require_one_each,
     to_colmap,
 )
 
@@ -53,7 +54,7 @@ def list_binary_cameras(data: bytes, source: str) -> list[ColmapCamera]:
             f"{source}: {len(data) - position} bytes are left after {count} camera records, at byte"
             f" {position}; the file may be of another COLMAP version or damaged: export it again"
         )
-    return found
+    return require_one_each(found)
 
 
 def format_colmap_binary(camera: Camera) -> bytes:

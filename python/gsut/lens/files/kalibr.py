@@ -54,12 +54,12 @@ def _is_euroc(file: LensFile) -> bool:
 
 def camera_from_kalibr(reader: LensValues) -> Camera:
     """Makes the camera of one entry of a camchain, or of a sensor.yaml."""
-    model = str(reader.values[reader.require("camera_model")])
+    model = str(reader.values[reader.require("camera_model")]).lower()
     if model not in _LEADING:
         known = ", ".join(_LEADING)
         reader.fail("camera_model", f"{model!r} is not supported; supported: {known}")
     size = reader.read_size("resolution")
-    distortion = str(reader.values.get("distortion_model") or "none")
+    distortion = str(reader.values.get("distortion_model") or "none").lower()
     if (model, distortion) not in _LENSES:
         known = ", ".join(name for camera, name in _LENSES if camera == model)
         reader.fail("distortion_model", f"{distortion!r} is not supported; supported: {known}")

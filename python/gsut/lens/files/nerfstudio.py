@@ -123,7 +123,7 @@ def camera_from_nerfstudio(
             file that `load_camera` reads (lens_id: which of its cameras). Else camera_model
             (absent: OPENCV_FISHEYE if is_fisheye, else OPENCV with distortion, else PINHOLE);
             w, h in pixels; fl_x, fl_y in pixels, or camera_angle_x, camera_angle_y, the full field
-            of view in radians (the y value defaults to the x one); cx, cy (default: the centre) in
+            of view in radians (either defaults to the other); cx, cy (default: the centre) in
             gsut's pixel convention; k1.. p1 p2; max_theta_rad, the valid field angle in radians.
         source: the file's name, for messages.
         text: the file's text, to name lines in messages.
@@ -145,13 +145,13 @@ def camera_from_nerfstudio(
     limit = reader.read_number("max_theta_rad") if values.get("max_theta_rad") is not None else None
     if _find_model_name(reader) == "EQUIRECTANGULAR":  # files give focal lengths that mean nothing
         return reader.make_camera("equirectangular", [], width, height, limit)
-    fl_x = _read_focal(reader, "fl_x", "camera_angle_x", width)
     # Square pixels unless the file says otherwise.
-    has_own_y = any(values.get(key) is not None for key in ("fl_y", "camera_angle_y"))
-    fl_y = _read_focal(reader, "fl_y", "camera_angle_y", height) if has_own_y else fl_x
-    params = [fl_x, fl_y, reader.read_number("cx", width / 2), reader.read_number("cy", height / 2)]
-    keys = [_choose_focal_key(reader, "fl_x", "camera_angle_x"), "", "cx", "cy"]
-    keys[1] = _choose_focal_key(reader, "fl_y", "camera_angle_y") if has_own_y else keys[0]
+    axes = [("fl_x", "camera_angle_x", width), ("fl_y", "camera_angle_y", height)]
+    given_axes = [axis for axis in axes if any(values.get(key) is not None for key in axis[:2])]
+    axes = axes if len(given_axes) == 2 else 2 * (given_axes or axes)[:1]
+    params = [_read_focal(reader, *axis) for axis in axes]
+    params += [reader.read_number("cx", width / 2), reader.read_number("cy", height / 2)]
+    keys = [*(_choose_focal_key(reader, *axis[:2]) for axis in axes), "cx", "cy"]
     given = {key: reader.read_number(key, 0.0) for key in _DISTORTION_KEYS}
     model = _find_model_name(reader)
     if model == "FISHEYE624":
@@ -192,9 +192,9 @@ def _find_model_name(reader: LensValues) -> str:
             return "OPENCV_FISHEYE"
         distorted = any(reader.values.get(key) for key in _DISTORTION_KEYS)
         return "OPENCV" if distorted else "PINHOLE"
-    if model not in _KNOWN:
+    if str(model).upper() not in _KNOWN:
         reader.fail("camera_model", f"{model!r} is not supported; supported: {_SUPPORTED}")
-    return str(model)
+    return str(model).upper()
 
 
 def _choose_focal_key(reader: LensValues, key: str, angle_key: str) -> str:

@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 
 from gsut.lens.camera import Camera
 from gsut.lens.files._format import KEYED, LensFile, LensFormat, is_opencv_xml
 from gsut.lens.files._values import FROM_ZERO, LensValues, refuse_lens
 
-_MATRIX_KEYS = ("camera_matrix", "K", "cameraMatrix", "intrinsic_matrix", "M1")
+_MATRIX_KEYS = ("camera_matrix", "K", "cameraMatrix", "intrinsic_matrix", "M1", "mtx")
 _OPEN3D_KEY = "intrinsic_matrix"  # Open3D's PinholeCameraIntrinsic stores it by columns
-_DISTORTION_KEYS = ("distortion_coefficients", "D", "distCoeffs", "dist_coeffs", "D1")
+_DISTORTION_KEYS = (
+    "distortion_coefficients", "D", "distCoeffs", "dist_coeffs", "D1", "dist", "dist_coeff",
+    "distortion_coeffs", "distortion",
+)  # fmt: skip
+_LIKE_DISTORTION = re.compile("dist|coef", re.IGNORECASE)  # in other names of it
 _FISHEYE_FLAGS = ("fisheye", "fisheye_model")
 _MODEL_KEYS = ("distortion_model", "camera_model", "model")
 _FISHEYE_NAMES = ("equidistant", "fisheye", "equi", "kannala_brandt", "opencv_fisheye")
@@ -47,6 +53,10 @@ def read_opencv(file: LensFile, camera_id: int | str | None) -> Camera:
     _refuse_part(reader)
     limit = reader.read_number(_FIELD_ANGLE_KEY) if _FIELD_ANGLE_KEY in values else None
     key = reader.find(*_DISTORTION_KEYS)
+    other = [str(name) for name in values if _LIKE_DISTORTION.search(str(name))]
+    other = [name for name in other if isinstance(values[name], (list, dict))]
+    if key is None and other:
+        reader.fail(other[0], f"is it the distortion? Then call it {_DISTORTION_KEYS[0]}")
     coefficients = reader.read_numbers(key) if key is not None else []
     keys, coefficients_of = 4 * [matrix_key], len(coefficients) * [str(key)]
     if is_omnidir:
@@ -110,7 +120,7 @@ def _read_list(reader: LensValues, key: str, count: int) -> list[float]:
 
 
 def _read_size(reader: LensValues) -> tuple[int, int]:
-    both = reader.find("image_size", "imageSize", "img_size", "resolution")
+    both = reader.find("image_size", "imageSize", "img_size", "resolution", "size")
     if both is not None and reader.find("image_width", "width") is None:
         return reader.read_size(both)
     width_key = reader.require("image_width", "width", "imageWidth")

@@ -13,8 +13,8 @@ import numpy as np
 from gsut import _core
 from gsut._core import InputError, Shutter
 from gsut.data import find_lens_file, find_lens_files, list_some, read_capture, read_dataset
-from gsut.data.images import find_common_mask, find_mask, read_header
-from gsut.data.layouts import find_images, require_pictures
+from gsut.data.images import MaskLookup, find_common_mask, find_mask_folder, read_header
+from gsut.data.layouts import find_image_folder, find_images, require_pictures
 from gsut.lens import Camera, LensProfile, find_lens, find_lenses, is_lens_name, load_camera
 from gsut.lens.files import camera_from_values
 from gsut.sfm.photographs.moments import read_turns
@@ -223,10 +223,11 @@ def list_photographs(path: Path, *, with_lens: bool = False) -> Photographs:
     if captured is not None:
         return _read_captured(path, captured)
     paths = find_images(path)
-    root = path / "images" if (path / "images").is_dir() else path
+    root = find_image_folder(path)
     names = [p.relative_to(root).as_posix() for p in paths]
+    lookup = MaskLookup(find_mask_folder(path))
     masks = [
-        find_mask(path / "masks", name) or find_common_mask(image.parent, path)
+        lookup.find(name) or find_common_mask(image.parent, path)
         for name, image in zip(names, paths, strict=True)
     ]
     cameras: list[Camera | None] = [None] * len(names)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 import os
 from collections.abc import Mapping, Sequence
@@ -11,9 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from gsut._core import InputError
-from gsut.files import read_text, register_reader
+from gsut.files import read_table, register_reader
 
 _COLUMNS = ("name", "use", "x", "y", "z", "sigma", "picture", "u", "v")
+_NAMES = {name: name for name in _COLUMNS} | {
+    "label": "name", "point": "name", "image": "picture", "photo": "picture", "file": "picture",
+    "filename": "picture", "easting": "x", "northing": "y", "elevation": "z", "altitude": "z",
+}  # fmt: skip
 USES = ("control", "check")
 FEWEST_CONTROL = 3  # points off a line: they fix a similarity
 FEWEST_VIEWS = 2  # photographs of a point
@@ -48,30 +51,29 @@ def read_control(path: str | os.PathLike[str]) -> list[ControlPoint]:
     """Reads control points and their pixels from a CSV file with a heading, a line a pixel.
 
     Args:
-        path: columns name,use,x,y,z,sigma,picture,u,v in any order. `use` is "control" or "check".
-            The first line of a point has its use, coordinates and sigma; further lines may leave
-            them empty.
+        path: columns name,use,x,y,z,sigma,picture,u,v, see `read_table`. `use` is "control" or
+            "check". The first line of a point has its use, coordinates and sigma; further lines
+            may leave them empty.
 
     Raises:
         InputError: cannot be read, lacks a column, or a line is wrong; file and line are named.
     """
-    table = csv.DictReader(read_text(path).splitlines(), skipinitialspace=True)
-    table.fieldnames = [name.strip().lower() for name in table.fieldnames or ()]
-    absent = [name for name in _COLUMNS if name not in table.fieldnames]
+    heading, table = read_table(path, _NAMES, "name")
+    absent = [name for name in _COLUMNS if name not in heading]
     if absent:
         raise InputError(
             f"{path}: the first line must name the columns {','.join(_COLUMNS)}; it lacks "
             f"{','.join(absent)}"
         )
     points: dict[str, ControlPoint] = {}
-    for row in table:
-        where = f"{path}:{table.line_num}"
-        name, picture = (str(row[key] or "").strip() for key in ("name", "picture"))
+    for line, row in table:
+        where = f"{path}:{line}"
+        name, picture = row["name"], row["picture"]
         pixel = _read_numbers(row, ("u", "v"), where)
         if not name or not picture or pixel is None:
             raise InputError(f"{where}: a name, a picture, u and v are needed")
         stated = _read_numbers(row, ("x", "y", "z", "sigma"), where)
-        use = str(row["use"] or "").strip().lower()
+        use = row["use"].lower()
         known = points.get(name)
         if known is None:
             if use not in USES or stated is None or not stated[3] > 0:
@@ -91,11 +93,9 @@ def read_control(path: str | os.PathLike[str]) -> list[ControlPoint]:
     return list(points.values())
 
 
-def _read_numbers(
-    row: Mapping[str, str | None], keys: Sequence[str], where: str
-) -> np.ndarray | None:
+def _read_numbers(row: Mapping[str, str], keys: Sequence[str], where: str) -> np.ndarray | None:
     """Reads numbers of a line; None: all are empty."""
-    texts = [str(row[key] or "").strip() for key in keys]
+    texts = [row[key] for key in keys]
     if not any(texts):
         return None
     try:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import dataclasses
 import os
 from collections.abc import Mapping
@@ -12,12 +11,19 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.data.poses import find_centers
-from gsut.files import read_text, register_reader
+from gsut.files import read_table, register_reader
 from gsut.sfm.solution import similarity_from_points
 from gsut.sfm.world.control_file import ON_A_LINE
 
 _GEODETIC = ("latitude", "longitude", "altitude")  # columns in degrees and metres
 _METRIC = ("x", "y", "z")  # columns in metres
+_COLUMNS = {name: name for name in ("name", *_GEODETIC, *_METRIC)} | {
+    "label": "name", "filename": "name", "file": "name", "image": "name", "photo": "name",
+    "lat": "latitude", "lon": "longitude", "lng": "longitude", "alt": "altitude",
+    "elevation": "altitude", "height": "altitude", "easting": "x", "east": "x", "northing": "y",
+    "north": "y", "up": "z",
+}  # fmt: skip
+_MOST_DEGREES = (90.0, 180.0)  # of latitude and longitude
 _EARTH_RADIUS = 6378137.0  # metres, semi-major axis of WGS 84
 _ECCENTRICITY_2 = 6.69437999014e-3  # squared, of WGS 84
 # From east, north, up to the axes of a scene: x right, y down, z ahead.
@@ -52,7 +58,8 @@ def read_positions(path: str | os.PathLike[str]) -> dict[str, np.ndarray]:
 
     Args:
         path: columns name,x,y,z (metres; x east, y north, z up) or
-            name,latitude,longitude,altitude (degrees and metres, WGS 84), in any order.
+            name,latitude,longitude,altitude (degrees and metres, WGS 84), in any order, also by
+            other usual names; see `read_table`.
 
     Returns:
         name -> (3,) east, north, up in metres; geodetic positions are relative to the first.
@@ -60,24 +67,31 @@ def read_positions(path: str | os.PathLike[str]) -> dict[str, np.ndarray]:
     Raises:
         InputError: cannot be read, lacks a column, or a line is wrong; file and line are named.
     """
-    table = csv.DictReader(read_text(path).splitlines(), skipinitialspace=True)
-    heading = [name.strip().lower() for name in table.fieldnames or ()]
-    table.fieldnames = heading
+    heading, table = read_table(path, _COLUMNS, "name")
+    if "x" in heading and "z" not in heading and "altitude" in heading:
+        heading = ["z" if name == "altitude" else name for name in heading]
+        table = [(line, {**row, "z": row["altitude"]}) for line, row in table]
     wanted = next((w for w in (_GEODETIC, _METRIC) if {"name", *w} <= set(heading)), None)
     if wanted is None:
         raise InputError(
             f"{path}: the first line must name the columns name,{','.join(_GEODETIC)} or "
             f"name,{','.join(_METRIC)}; found {','.join(heading) or 'nothing'}"
         )
-    rows = {}
-    for row in table:
+    rows: dict[str, np.ndarray] = {}
+    for line, row in table:
         try:
             values = np.array([float(row[key]) for key in wanted])
         except (TypeError, ValueError):
             values = np.full(3, np.nan)
         if not np.isfinite(values).all() or not row["name"]:
-            raise InputError(f"{path}:{table.line_num}: a name and three numbers are needed")
-        rows[row["name"].strip()] = values
+            raise InputError(f"{path}:{line}: a name and three numbers are needed")
+        if wanted == _GEODETIC and (np.abs(values[:2]) > _MOST_DEGREES).any():
+            raise InputError(
+                f"{path}:{line}: latitude {values[0]:g} and longitude {values[1]:g} are no degrees "
+                "on the earth; are they exchanged?"
+            )
+        if not np.array_equal(rows.setdefault(row["name"], values), values):
+            raise InputError(f"{path}:{line}: {row['name']} is there twice, with other numbers")
     if wanted == _GEODETIC and rows:
         geodetic = np.stack(list(rows.values()))
         return dict(zip(rows, convert_to_east_north_up(geodetic, geodetic[0]), strict=True))
