@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import statistics
 import time
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -21,7 +22,8 @@ class StagedProgress:
 
     The time left of a stage follows from its own pace, once it has reported some progress. All
     other stages take as long as in the last run on this machine, faster or slower as the finished
-    ones were that are not short; those that were not in it take as long as the mean of the others.
+    ones were that are not short; those that were not in it take as long as the median of the
+    others, and say nothing about these.
 
     Args:
         command: whose last run is read, and written once all stages have ended.
@@ -103,8 +105,8 @@ class StagedProgress:
     def estimate_left(self) -> float:
         """Returns the seconds left of all stages."""
         last = {name: s for name, s in self._last_run.items() if name in self._stages}
-        mean = sum(last.values()) / len(last) if last else 1.0
-        before = {name: last.get(name, mean) for name in self._stages}
+        typical = statistics.median(last.values()) if last else 1.0
+        before = {name: last.get(name, typical) for name in self._stages}
         spent = {name: self.seconds[name] for name in self._stages if name in self.seconds}
         own = 0.0
         if self._stage is not None:
@@ -112,7 +114,8 @@ class StagedProgress:
             if self._stage_left is not None or self._done > 0:
                 whole = taken / self._done if self._stage_left is None else taken + self._stage_left
                 own, spent[self._stage] = whole - taken, whole
-        long = [name for name in spent if before[name] >= _SHORT * sum(before.values())]
+        short = _SHORT * sum(before.values())
+        long = [name for name in spent if name in (last or before) and before[name] >= short]
         planned = sum(before[name] for name in long)
         pace = sum(spent[name] for name in long) / planned if planned > 0 else 1.0
         if self._stage is not None and self._stage not in spent:

@@ -283,6 +283,19 @@ def test_long_first_stage_of_few_pictures_does_not_stretch_the_others(tmp_path, 
     assert bars.estimate_left() == pytest.approx(60)
 
 
+def test_stage_that_the_last_run_lacked_says_nothing_about_the_others(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    clock, file = Clock(), io.StringIO()
+    bars = StagedProgress("a", ("read", "map", "train"), file=file, clock=clock)
+    run_stages(bars, clock, {"read": 5.0, "map": 2.0, "train": 400.0})
+    bars = StagedProgress("a", ("read", "lens", "map", "train"), file=file, clock=clock)
+    with bars.stage("read"):
+        clock.now += 5
+    with bars.stage("lens"):
+        clock.now += 3
+    assert bars.estimate_left() == pytest.approx(402)
+
+
 def test_stages_take_their_time_by_picture(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     clock, file = Clock(), io.StringIO()
