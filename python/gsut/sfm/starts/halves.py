@@ -30,7 +30,8 @@ _IMAGES = 100  # that are compared with each other, evenly chosen
 _SHARES = (0.9, 0.6)  # of the pairs of images, that agree where poses are good, and usable
 # Baseline over the distance of what is seen, below which a pair has no direction to get wrong.
 _NO_BASELINE = 0.005
-_SEED = 0  # of the halves
+# Images times draws of halves, at least: of few images one draw says little, and costs little.
+_IMAGES_DRAWN = 40
 # Half of the matches hold an image that all of them hold.
 HALF_INLIERS = MIN_INLIERS // 2
 
@@ -40,42 +41,45 @@ def compare_halves(mapping: Mapping) -> Mapping:
 
     It shows what points do not share: wrong matches, and too few of them to hold a pose. An error
     that they share, of the lens or the shutter, is in both; the lens, and velocities during a
-    readout, are held. Does nothing for a rig, without points, or where they were compared already.
-    Infinite where a half holds no poses.
+    readout, are held. Few images are dealt several times. Does nothing for a rig, without points,
+    or where they were compared already. Infinite where halves hold no poses.
     """
-    solution, options = mapping.solved, mapping.options
+    solution = mapping.solved
     is_known = mapping.found.halves_of is solution
     if mapping.rig is not None or not len(solution.points) or is_known:
         return mapping
-    motion = ReadoutMotion.hold(solution)
-    try:
-        one, other = (
-            adjust_registered(
-                solution,
-                mapping.features,
-                half,
-                options,
-                adjustment=Adjustment(
-                    lens_settled=True,
-                    motion=motion,
-                    covariances=False,
-                    turns=mapping.turns,
-                    min_inliers=HALF_INLIERS,
-                ),
-            )
-            for half in split_matches(mapping)
-        )
-    except SolveError:
-        return mapping.add_findings(halves_px=(math.inf, math.inf), halves_of=solution)
-    differences = measure_differences(one, other, solution)
+    draws = -(-_IMAGES_DRAWN // int(np.count_nonzero(solution.registered)))
+    differences = np.concatenate([_draw_differences(mapping, seed) for seed in range(draws)])
     good, usable = 0.5 * np.quantile(differences, _SHARES, method="higher")
     return mapping.add_findings(halves_px=(float(good), float(usable)), halves_of=solution)
 
 
-def split_matches(mapping: Mapping) -> list[list[PairMatches]]:
+def _draw_differences(mapping: Mapping, seed: int) -> np.ndarray:
+    """Measures by how many pixels the poses of one draw of halves differ (P,)."""
+    solution = mapping.solved
+    adjustment = Adjustment(
+        lens_settled=True,
+        motion=ReadoutMotion.hold(solution),
+        covariances=False,
+        turns=mapping.turns,
+        min_inliers=HALF_INLIERS,
+    )
+    features, options = mapping.features, mapping.options
+    try:
+        one, other = (
+            adjust_registered(solution, features, half, options, adjustment=adjustment)
+            for half in split_matches(mapping, seed)
+        )
+    except SolveError:
+        images = min(int(np.count_nonzero(solution.registered)), _IMAGES)
+        return np.full(math.comb(images, 2), math.inf)
+    return measure_differences(one, other, solution)
+
+
+def split_matches(mapping: Mapping, seed: int = 0) -> list[list[PairMatches]]:
     """Splits the matches by the points that they observe, which are dealt to two halves."""
     solution, features = mapping.solved, mapping.features
-    rng = np.random.default_rng(_SEED)
+    rng = np.random.default_rng(seed)
     is_second = rng.random(len(solution.points)) < 0.5
     point_of = index_points(solution, features)
     halves: list[list[PairMatches]] = [[], []]
