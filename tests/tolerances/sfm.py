@@ -93,6 +93,6 @@ GYROSCOPE_AXES = 5e-3
 GYROSCOPE_SCALE = 5e-3
 GYROSCOPE_FOCAL_SIGMAS = 3.0
 GYROSCOPE_VELOCITIES = 0.02  # rad/s, and lengths a second: bias and noise over 15 ms
-GYROSCOPE_ADJUSTED_AGAIN = 2e-8  # of a focal length, that of the features alone; worst 1e-8
+GYROSCOPE_ADJUSTED_AGAIN = 8e-7  # of poses, those of the features alone; worst 4e-7
 GYROSCOPE_UP = 0.0074  # of a unit vector: how well a short flight shows the axes; worst 0.0037
 GYROSCOPE_CORRECTED = 2e-3  # radians off poses of pictures alone, of a pose 0.036 off

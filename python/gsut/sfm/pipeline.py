@@ -18,7 +18,7 @@ from gsut.data.scene import capture_state
 from gsut.judge.checks import NOT_GOOD
 from gsut.output_folder import claim_folder
 from gsut.sfm.connection import map_connected
-from gsut.sfm.gyroscope import correct_by_turns, use_gyroscope
+from gsut.sfm.gyroscope import correct_by_turns, find_focal_by_turns, use_gyroscope
 from gsut.sfm.lens import (
     free_center,
     guess_lenses,
@@ -175,6 +175,7 @@ def _map(mapping: Mapping) -> Mapping:
     mapping = find_shutter(mapping)  # solution
     mapping = free_center(mapping)  # lens_free, solution
     mapping = use_gyroscope(mapping)  # turns, solution
+    mapping = find_focal_by_turns(mapping)  # solution
     mapping = judge_lens(mapping)  # pairs, solution: where the focal length is stated
     mapping = find_lens_pair(mapping)  # lens_free, solution
     mapping = find_rig_shutter(mapping)  # solution

@@ -27,7 +27,7 @@ _EXPLAINS = 0.9
 # Share of the pairs of pictures that must agree with it, and of the poses that must stay near it.
 _AGREE = 0.8
 # Standard deviation of the scale of a camera's gyroscope, which its maker calibrates.
-_SCALE_SIGMA = 0.005
+SCALE_SIGMA = 0.005
 # Seconds about the middle of a picture whose mean turn is that of a readout.
 _MOMENT = 0.015
 
@@ -102,7 +102,7 @@ def hold_near_record(
         The run with solution and turns, and the calibration by its poses.
     """
     held = _adjust(mapping, _state_turns(mapping, mapping.solved, calibration))
-    again = held and _calibrate(mapping, held, calibration.rates)
+    again = held and calibrate_poses(mapping, held, calibration.rates)
     if not held or not again or not _is_fitting(again):
         return None
     again = dataclasses.replace(again, sigma=calibration.sigma)
@@ -149,7 +149,9 @@ def _calibrate_records(mapping: Mapping) -> dict[str, TurnCalibration] | None:
     records = mapping.photographs.turns
     if not records or mapping.photographs.frames is not None:
         return None
-    each = {source: _calibrate(mapping, mapping.solved, rates) for source, rates in records.items()}
+    each = {
+        source: calibrate_poses(mapping, mapping.solved, rates) for source, rates in records.items()
+    }
     return {source: found for source, found in each.items() if found is not None}
 
 
@@ -173,7 +175,10 @@ def list_pairs(mapping: Mapping, solution: Solution) -> tuple[np.ndarray, np.nda
     return pairs, times[pairs]
 
 
-def _calibrate(mapping: Mapping, solution: Solution, rates: np.ndarray) -> TurnCalibration | None:
+def calibrate_poses(
+    mapping: Mapping, solution: Solution, rates: np.ndarray
+) -> TurnCalibration | None:
+    """Calibrates a record by the poses of a solution; see `calibrate_turns`."""
     pairs, times = list_pairs(mapping, solution)
     first, second = solution.camera_from_world[pairs.T, :3, :3]
     return calibrate_turns(rates, times, second @ first.transpose(0, 2, 1))
@@ -183,11 +188,18 @@ def _state_turns(mapping: Mapping, solution: Solution, found: TurnCalibration) -
     """States the recorded turns; where poses disagree with a record that fits, they are wrong."""
     pairs, _ = list_pairs(mapping, solution)
     known = np.isfinite(found.rotations).all(axis=(1, 2))
-    sigmas = np.array([*[BIAS_SIGMA] * 3, _SCALE_SIGMA, *[1.0] * 4])
+    sigmas = np.array([*[BIAS_SIGMA] * 3, SCALE_SIGMA, *[1.0] * 4])
     return StatedTurns(
         pairs[known], found.rotations[known], found.by_unknowns[known],
         found.sigma, sigmas,
     )  # fmt: skip
+
+
+def _free_scale(turns: StatedTurns) -> StatedTurns:
+    """Frees the scale of turns, which speaks of the focal length; see `find_focal_by_turns`."""
+    sigmas = turns.calibration_sigma.copy()
+    sigmas[3] = 1.0
+    return dataclasses.replace(turns, calibration_sigma=sigmas)
 
 
 def _adjust(mapping: Mapping, turns: StatedTurns | None) -> Solution | None:
@@ -198,7 +210,8 @@ def _adjust(mapping: Mapping, turns: StatedTurns | None) -> Solution | None:
     solution = mapping.solved
     adjustment = Adjustment(
         mapping.lens_free, lens_settled=True, extend=True,
-        motion=ReadoutMotion.hold(solution), turns=turns, min_inliers=MIN_INLIERS // 2,
+        motion=ReadoutMotion.hold(solution), turns=turns and _free_scale(turns),
+        min_inliers=MIN_INLIERS // 2,
     )  # fmt: skip
     try:
         held = adjust_registered(
@@ -225,12 +238,7 @@ def keep_images(solution: Solution, chosen: np.ndarray) -> Solution:
 
 
 def _describe(found: TurnCalibration, source: str) -> dict[str, Any]:
-    """Describes a calibration for poses.json.
-
-    "disagreement_percent" is by how much the turns of poses and record differ in scale beyond what
-    their errors explain.
-    """
-    errors = _SCALE_SIGMA**2 + float(found.sigmas[3]) ** 2
+    """Describes a calibration for poses.json; "scale_sigma" is that of the sensor, too."""
     return {
         "used": source,
         "pairs": int(np.count_nonzero(found.used)),
@@ -239,8 +247,7 @@ def _describe(found: TurnCalibration, source: str) -> dict[str, Any]:
         "offset_sigma_seconds": float(found.sigmas[7]),
         "bias_rad_per_s": found.bias.tolist(),
         "scale": found.scale,
-        "scale_sigma": float(found.sigmas[3]),
-        "disagreement_percent": 100 * math.sqrt(max(0.0, math.log(found.scale) ** 2 - errors)),
+        "scale_sigma": math.hypot(float(found.sigmas[3]), SCALE_SIGMA),
         "camera_from_sensor": found.camera_from_sensor.tolist(),
         "sigma_degrees": math.degrees(found.sigma),
     }

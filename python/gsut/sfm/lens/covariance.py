@@ -50,6 +50,7 @@ def estimate_lens_sigmas(
             "turned in different directions"
         )
     variance = FEATURE_VARIANCE * equations.seen.estimate_spread(freedom)
+    variance *= 1.0 if turns is None else turns.shared
     return [
         np.sqrt(np.einsum("kf,fg,kg->k", basis, variance * inverse[own, own], basis))
         for _, basis, own in equations.list_lenses()
@@ -108,7 +109,8 @@ class _Equations:
         moves = solution.shutter is not None
         self._times = solution.measure_line_times()[seen.rows] if moves else None
         self._prior = _weigh_velocities(solution, seen.median) if moves else np.zeros(6)
-        noise = math.sqrt(FEATURE_VARIANCE * seen.median / MEDIAN_SQUARE)
+        shared = FEATURE_VARIANCE * (1.0 if turns is None else turns.shared)
+        noise = math.sqrt(shared * seen.median / MEDIAN_SQUARE)
         lenses = zip(seen.lenses.cameras, seen.lenses.free, seen.bases, strict=True)
         sigmas = [
             find_lens_prior(camera, flags)[1][basis.argmax(axis=0)]

@@ -31,14 +31,15 @@ def judge_lens(mapping: Mapping) -> Mapping:
         lens = solution.cameras[int(np.flatnonzero(solution.registered)[0])]
         mapping = describe_center(mapping, lens, known[0] if known else None)
     motion = find_critical_motion(solution)
+    by_turns = mapping.found.figures.get("focal_prior")
     if mapping.one_lens_free is None:
         sigma = estimate_focal_sigma(mapping, flags, sigma)
-    else:
+    elif by_turns is None:
         mapping, sigma = weigh_focal_prior(mapping, sigma)
+    else:
+        sigma = by_turns["sigma_percent"] / 100
     if mapping.turns is not None:
         gyroscope = mapping.found.figures["gyroscope"]
-        # Features that disagree with the gyroscope know the focal length less well than they seem.
-        sigma = math.hypot(sigma, gyroscope["disagreement_percent"] / 100)
         motion = motion if sigma > FOCAL_LIMIT else None  # settled by the gyroscope
         without = _measure_focal_sigma(solution, flags, None)[0]
         sigmas = {"by_features_alone": _to_percent(without), "with": _to_percent(sigma)}

@@ -154,6 +154,8 @@ class StatedTurns:
             the gyroscope's calibration, which is estimated too.
         sigma: standard deviation of a component, radians.
         calibration_sigma: (K,) standard deviations of the calibration.
+        shared: variance that features share beyond that of photographs' features, as a factor; they
+            weigh more by it.
     """
 
     images: np.ndarray
@@ -161,13 +163,14 @@ class StatedTurns:
     by_calibration: np.ndarray
     sigma: float
     calibration_sigma: np.ndarray
+    shared: float = 1.0
 
     def to_settings(self) -> dict[str, Any]:
         """Returns the settings that the solver takes.
 
         As with principal points, they weigh more by the variance that features share.
         """
-        scale = 1 / math.sqrt(FEATURE_VARIANCE)
+        scale = 1 / math.sqrt(self.shared * FEATURE_VARIANCE)
         columns = self.by_calibration.transpose(0, 2, 1).reshape(len(self.images), -1)
         sigma = np.full((len(self.images), 1), scale * self.sigma)
         turned = self.rotations.reshape(-1, 9)
