@@ -140,6 +140,9 @@ def _join_captures(parts: Sequence[Capture], folder: Path) -> Capture:
             # Times of several videos do not compare.
             rows.append({**row, "name": f"{inner}/{row['name']}", "path": path, "time": None})
     first = parts[0].figures
+    counts = [
+        f"{len(part.figures['frames'])} of {Path(part.figures['inputs'][0]).name}" for part in parts
+    ]
     figures = {
         **first,
         "key": {
@@ -147,7 +150,10 @@ def _join_captures(parts: Sequence[Capture], folder: Path) -> Capture:
             "inputs": [row for part in parts for row in part.figures["key"]["inputs"]],
         },
         "inputs": [name for part in parts for name in part.figures["inputs"]],
-        "notes": [note for part in parts for note in part.figures["notes"]],
+        "notes": [
+            f"pictures: {', '.join(counts)}",
+            *(note for part in parts for note in part.figures["notes"]),
+        ],
         "frames": rows,
     }
     write_strip(folder, rows)

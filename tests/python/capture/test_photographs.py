@@ -202,6 +202,7 @@ def test_several_videos_of_one_size_are_joined(tmp_path):
     names = [row["name"] for row in found.figures["frames"]]
     assert [name.split("/")[0] for name in names] == ["1-a"] * 4 + ["2-b"] * 4
     assert all((found.path / row["path"]).is_file() for row in found.figures["frames"])
+    assert found.notes[0] == "pictures: 4 of a.mp4, 4 of b.mp4"
     photograph(tmp_path / "p/0.jpg")
     with pytest.raises(gsut.InputError, match=r"different sizes.*320 x 240.*64 x 48"):
         capture([videos[0], tmp_path / "p"], tmp_path / "out2", count=4)

@@ -174,7 +174,8 @@ def align_to_cloud(points: np.typing.ArrayLike, scene: Scene) -> CaptureAlignmen
         raise SolveError(
             f"{scene.path} fits the cloud in several places, such as at scales "
             f"{best.pose.scale:.4g} and {rival.pose.scale:.4g}: the place repeats itself, or the "
-            "photographs show too little of it; give the part of the cloud that they show"
+            "photographs show too little of it; give the part of the cloud that they show, and let "
+            "the scanner's program leave out points mixed at edges"
         )
     pose = _refine(surface, rays, best.pose, _AGREES / 2)
     best = _Result(pose, surface, rays)
