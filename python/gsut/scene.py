@@ -144,6 +144,7 @@ def _choose_pictures(folder: SceneFolder, bars: StagedProgress) -> Capture:
         )  # fmt: skip
         for note in pictures.notes:
             bars.note(note)
+    _scale_training(bars, _make_training_options(o), pictures.figures["size"])
     folder.save()
     return pictures
 
@@ -174,6 +175,12 @@ def _announce(options: SceneOptions, pictures: Capture) -> str:
         f"training with up to {training.most_gaussians:,} Gaussians on {threads} "
         f"processor{'s' if threads > 1 else ''}"
     )
+
+
+def _scale_training(bars: StagedProgress, options: TrainOptions, size: Sequence[int]) -> None:
+    """Expects the training to take its time by the number of steps and the size of the pictures."""
+    # A step takes about twice as long of pictures twice as wide: not all of it is their pixels.
+    bars.scale(["training"], options.steps * min(options.max_side, max(size)))
 
 
 def _make_training_options(options: SceneOptions) -> TrainOptions:
@@ -213,6 +220,8 @@ def _train(
         done = row["step"] / options.steps
         bars.show(done, f"step {row['step']} of {options.steps}", row["seconds_left"])
 
+    lens = dataset.cameras[0]
+    _scale_training(bars, options, (lens.width, lens.height))
     with bars.stage("training"):
         watched = None if watch is None else watch(dataset, options)
         trained = train(dataset, options, out=run.path, resume=True, progress=show, watch=watched)

@@ -13,7 +13,8 @@ from typing import Any, TextIO
 from gsut.files import FileError, Number, read_json, write_json
 from gsut.run.progress import Progress
 
-_WORK = "work"  # in the file of last runs, beside the stages' seconds
+_SECONDS, _WORK = "seconds", "work"  # of each stage in the file of last runs
+_LastRun = dict[str, dict[str, float]]  # seconds and work of each stage; work 0: not known
 _SHORT = 0.1  # of all stages' seconds: such a stage says nothing about the others
 
 
@@ -48,10 +49,11 @@ class StagedProgress:
     ) -> None:
         self.seconds: dict[str, float] = {}
         self._command, self._stages = command, list(stages)
-        self._last_run: dict[str, float] = _read_last_runs().get(command, {})
+        self._before = _read_last_runs().get(command, {})
+        self._last_run = {name: row.get(_SECONDS, 0.0) for name, row in self._before.items()}
         self._bars, self._enabled = Progress(enabled, file), enabled
         self._clock, self._on_progress = clock, on_progress
-        self._work = 0.0  # units of work, if it is known
+        self._work: dict[str, float] = {}  # units of stages, where they are known
         self._stage: str | None = None
         self._began = 0.0
         self._done = 0.0  # share of the stage
@@ -73,9 +75,10 @@ class StagedProgress:
 
     def scale(self, stages: Sequence[str], work: float) -> None:
         """Expects stages to take as long as in the last run per unit of work, such as a picture."""
-        before, self._work = self._last_run.get(_WORK, 0.0), work
-        for name in self._last_run.keys() & stages if before > 0 else ():
-            self._last_run[name] *= work / before
+        for name in stages:
+            self._work[name], row = work, self._before.get(name, {})
+            if row.get(_WORK, 0.0) > 0:
+                self._last_run[name] = row.get(_SECONDS, 0.0) * work / row[_WORK]
 
     def skip(self, name: str) -> None:
         """Removes a stage that was finished before from the time left."""
@@ -134,8 +137,11 @@ class StagedProgress:
         self._bars.close()
         is_whole = self._stages and all(name in self.seconds for name in self._stages)
         if self._enabled and error is None and is_whole:
-            seconds = {name: self.seconds[name] for name in self._stages}
-            _write_last_run(self._command, {**seconds, _WORK: self._work})
+            rows = {
+                name: {_SECONDS: self.seconds[name], _WORK: self._work.get(name, 0.0)}
+                for name in self._stages
+            }
+            _write_last_run(self._command, rows)
 
 
 class StageFollower:
@@ -191,15 +197,15 @@ def _find_last_runs() -> Path:
     return Path(cache) / "gsut" / "stages.json"
 
 
-def _read_last_runs() -> dict[str, dict[str, float]]:
+def _read_last_runs() -> dict[str, _LastRun]:
     try:
-        return read_json(_find_last_runs(), {"*": {"*": Number(least=0)}})
+        return read_json(_find_last_runs(), {"*": {"*": {"*": Number(least=0)}}})
     except (FileError, RuntimeError):
         return {}
 
 
-def _write_last_run(command: str, seconds: dict[str, float]) -> None:
+def _write_last_run(command: str, rows: _LastRun) -> None:
     with contextlib.suppress(OSError, RuntimeError):  # a machine that keeps nothing estimates alone
-        path, runs = _find_last_runs(), _read_last_runs() | {command: seconds}
+        path, runs = _find_last_runs(), _read_last_runs() | {command: rows}
         path.parent.mkdir(parents=True, exist_ok=True)
         write_json(path, runs)

@@ -308,6 +308,19 @@ def test_stages_take_their_time_by_picture(tmp_path, monkeypatch):
         run_stages(bars, clock, {"match": 40.0, "map": 40.0, "train": 30.0})
 
 
+def test_each_stage_takes_its_time_by_its_own_work(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    clock, file = Clock(), io.StringIO()
+    for pictures, steps, expected in ((20, 500, None), (5, 2000, 10 + 400)):
+        bars = StagedProgress("a", ("map", "train"), file=file, clock=clock)
+        bars.scale(["map"], pictures)
+        bars.scale(["train"], 1)  # thought so at first
+        bars.scale(["train"], steps)
+        if expected is not None:
+            assert bars.estimate_left() == pytest.approx(expected)
+        run_stages(bars, clock, {"map": 40.0, "train": 100.0})
+
+
 def test_staged_bar_never_goes_back_and_skips_what_is_done(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     clock = Clock()
