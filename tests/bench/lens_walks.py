@@ -24,7 +24,7 @@ def make_family(family: str) -> Camera:
     """
     width, height = _SIZE
     if family == "equirectangular":
-        return Camera(family, [], width, height)
+        return Camera(family, [], width, width // 2)
     barrel = make_lens(width, height, 100, 0.7)
     if family == "kannala_brandt":
         return barrel
