@@ -13,7 +13,9 @@ from typing import Any, TextIO
 from gsut.files import FileError, Number, read_json, write_json
 from gsut.run.progress import Progress
 
-_SECONDS, _WORK = "seconds", "work"  # of each stage in the file of last runs
+# Of each stage in the file of last runs.
+_SECONDS = "seconds"
+_WORK = "work"
 _LastRun = dict[str, dict[str, float]]  # seconds and work of each stage; work 0: not known
 _SHORT = 0.1  # of all stages' seconds: what is shorter says nothing about the others
 # Taken for the last run before there is one: a film of 17 frames of 640 x 480, preset balanced, two
