@@ -11,11 +11,27 @@ from gsut._core import CalibrationError, InputError
 from gsut.bounds import name_wrong_kinds
 from gsut.files import read_bytes, reading, register_reader, write_file
 from gsut.lens.camera import Camera
-from gsut.lens.files._format import LensFile, LensFormat, list_formats, make_lens_error
+from gsut.lens.files._format import (
+    KEYED,
+    LensFile,
+    LensFormat,
+    list_formats,
+    make_lens_error,
+)
 
 _Path = str | os.PathLike[str]
 _MOST_BYTES = 256 << 20  # of a lens file; tables of rays are the largest
 _ADVICE = "is it a lens file, and whole?"
+# Programs whose lens files are not read, by a key of these.
+_FOREIGN = {
+    "camera.fx": "ORB-SLAM", "camera1.fx": "ORB-SLAM", "model_type": "camodocal (VINS)",
+    "value0": "Basalt", "ppx": "RealSense", "fisheye_params": "Gyroflow",
+    "left_camera_matrix": "two cameras", "k2": "two cameras",
+}  # fmt: skip
+_WRITE_AGAIN = (
+    "which is not read: write image_width, image_height, camera_matrix, distortion_coefficients "
+    "and distortion_model (plumb_bob or equidistant) of the camera to a .yaml"
+)
 
 
 @register_reader("lens")
@@ -63,6 +79,10 @@ def _find_format(file: LensFile) -> LensFormat:
     found = next((each for each in candidates if each.has_marks(file)), None)
     if found is not None:
         return found
+    keys = {str(key).lower() for key in file.values} if suffix in KEYED else set()
+    for key, program in _FOREIGN.items():
+        if key in keys:
+            raise CalibrationError(f"{file.source}: a lens file of {program}, {_WRITE_AGAIN}")
     if candidates:
         marks = ", ".join(f"{each.marks} ({each.program})" for each in candidates)
         raise CalibrationError(f"{file.source}: holds none of {marks}; is it a lens file?")
