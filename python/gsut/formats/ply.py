@@ -53,6 +53,7 @@ PACKED = b"packed_position"  # a property of SuperSplat's compressed files
 
 # Gaussians from which it is no chance that all of them have such values.
 _FEWEST_JUDGED = 20
+_MOST_LOGIT = 30.0  # beyond it opacities differ from 1 by less than float32 holds
 _SMALL_LOG = 0.5  # of sizes: half of all within that factor of the smallest is no scene
 
 
@@ -192,8 +193,9 @@ def _warn_of_activated(path: str | os.PathLike[str], gaussians: Gaussians) -> No
     if len(gaussians) < _FEWEST_JUDGED:
         return
     found = []
-    if 0 <= logits.min() < logits.max() <= 1:
-        found.append("all opacities lie in 0 to 1")
+    most = logits.max()
+    if 0 <= logits.min() < most and (most <= 1 or most > _MOST_LOGIT):
+        found.append(f"all opacities lie in 0 to {1 if most <= 1 else 255}")
     if scales.min() > 0 and (found or np.median(scales) < _SMALL_LOG):
         found.append("all scales are above 0")
     if found:

@@ -29,15 +29,19 @@ def test_ply_of_activated_values_is_suspected(scene, tmp_path):
         assert len(gsut.load_gaussians(tmp_path / "active.ply")) == 60
 
 
-@pytest.mark.parametrize("name", ["opacity_logits", "log_scales"])
-def test_ply_with_one_activated_value_is_suspected_and_a_large_scene_is_not(scene, tmp_path, name):
+@pytest.mark.parametrize(
+    ("name", "factor"), [("opacity_logits", 1), ("opacity_logits", 255), ("log_scales", 1)]
+)
+def test_ply_with_one_activated_value_is_suspected_and_a_large_scene_is_not(
+    scene, tmp_path, name, factor
+):
     scene.log_scales[:] += 6 - scene.log_scales.min()
     save_gaussians(tmp_path / "large.ply", scene)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         gsut.load_gaussians(tmp_path / "large.ply")
     values = getattr(scene, name)
-    values[:] = np.linspace(0.01, 0.9, values.size).reshape(values.shape) ** 2
+    values[:] = factor * np.linspace(0.01, 0.9, values.size).reshape(values.shape) ** 2
     save_gaussians(tmp_path / "active.ply", scene)
     with pytest.warns(UserWarning, match="does it hold opacities and sizes"):
         gsut.load_gaussians(tmp_path / "active.ply")
