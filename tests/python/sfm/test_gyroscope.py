@@ -151,7 +151,7 @@ def test_focal_length_of_a_flight_over_flat_ground_is_that_of_the_gyroscope(seed
     assert after < 0.7 * before
     off = 100 * abs(find_focal(found.solved) / LENS.params[0] - 1)
     assert off < tolerances.GYROSCOPE_FOCAL_SIGMAS * after
-    assert found.found.figures["gyroscope"]["focal_sigma_percent"]["with"] == after
+    assert found.found.figures["focal_prior"]["sigma_percent"] == after
 
 
 def test_focal_sigma_covers_a_gyroscope_of_wrong_scale():

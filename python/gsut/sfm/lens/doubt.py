@@ -38,19 +38,10 @@ def judge_lens(mapping: Mapping) -> Mapping:
         mapping, sigma = weigh_focal_prior(mapping, sigma)
     else:
         sigma = by_turns["sigma_percent"] / 100
-    if mapping.turns is not None:
-        gyroscope = mapping.found.figures["gyroscope"]
-        motion = motion if sigma > FOCAL_LIMIT else None  # settled by the gyroscope
-        without = _measure_focal_sigma(solution, flags, None)[0]
-        sigmas = {"by_features_alone": _to_percent(without), "with": _to_percent(sigma)}
-        mapping = mapping.add_findings({"gyroscope": {**gyroscope, "focal_sigma_percent": sigmas}})
-    return mapping.add_findings(
-        {"focal_sigma_percent": _to_percent(sigma)}, motion=motion, focal_sigma=sigma
-    )
-
-
-def _to_percent(sigma: float) -> float | None:
-    return 100 * sigma if math.isfinite(sigma) else None
+    if mapping.turns is not None and sigma <= FOCAL_LIMIT:
+        motion = None  # settled by the gyroscope
+    percent = 100 * sigma if math.isfinite(sigma) else None
+    return mapping.add_findings({"focal_sigma_percent": percent}, motion=motion, focal_sigma=sigma)
 
 
 def _measure_focal_sigma(
