@@ -74,6 +74,7 @@ def measure(case: Row, settings: Settings) -> Row:
             "registered": figures["registered"],
             "images": figures["images"],
             "residual_px": figures["reprojection_error_px"]["median"],
+            "halves_px": (figures["halves_px"] or [None])[0],
             "verdict": figures["verdict"]["level"],
             "seconds": figures["seconds"]["total"],
             "cpu_seconds": figures["cpu_seconds"]["total"],
@@ -132,7 +133,8 @@ def measure_pycolmap(data: Path, lens: str, python: str, threads: int) -> Row:
     names = [path.relative_to(root).as_posix() for path in paths]
     row: Row = {"registered": 0, "images": len(names)}
     request: Row = {
-        "images": str(root), "names": names, "threads": threads or -1, "model": None, "params": None
+        "images": str(root), "names": names, "threads": threads or -1,
+        "single": len(photographs.unknown_groups) < 2, "model": None, "params": None,
     }  # fmt: skip
     if lens == KNOWN:
         cameras = {camera for camera in photographs.cameras if camera is not None}
@@ -222,6 +224,7 @@ BENCHMARK = Benchmark(
         Column("focal_error_percent", "focal length", "%", "+.2f"),
         Column("focal_sigma_percent", "stated", "%", ".2f"),
         Column("residual_px", "residual", "px", ".2f"),
+        Column("halves_px", "halves", "px", ".1f"),
         Column("verdict", form="s"),
         Column("cpu_seconds", "time", "CPU-s", ".1f"),
         Column("seconds", "time", "s", ".1f"),

@@ -17,8 +17,9 @@ def map_images(request: dict) -> dict:
     """Finds poses; returns them with seconds and processor seconds of each stage.
 
     Args:
-        request: "images" (folder), "names", "work" (empty folder), "threads"; "model" and "params"
-            (COLMAP's) of the known lens, or None: SIMPLE_RADIAL, estimated.
+        request: "images" (folder), "names", "work" (empty folder), "threads"; "single":
+            one camera took all; "model" and "params" (COLMAP's) of the known lens, or None:
+            SIMPLE_RADIAL, estimated.
     """
     pycolmap: Any = importlib.import_module("pycolmap")
     work = Path(request["work"])
@@ -36,6 +37,7 @@ def map_images(request: dict) -> dict:
         seconds[stage], cpu_seconds[stage] = now[0] - begin[0], now[1] - begin[1]
         begin = now
 
+    modes = pycolmap.CameraMode
     extraction = pycolmap.FeatureExtractionOptions()
     matching = pycolmap.FeatureMatchingOptions()
     mapping = pycolmap.IncrementalPipelineOptions()
@@ -43,7 +45,7 @@ def map_images(request: dict) -> dict:
         options.num_threads = request["threads"]
     pycolmap.extract_features(
         database, request["images"], image_names=request["names"],
-        camera_mode=pycolmap.CameraMode.SINGLE, reader_options=reader,
+        camera_mode=modes.SINGLE if request["single"] else modes.PER_IMAGE, reader_options=reader,
         extraction_options=extraction, device=pycolmap.Device.cpu,
     )  # fmt: skip
     lap("features")

@@ -9,15 +9,13 @@ import numpy as np
 from gsut._core import SolveError
 from gsut.data import list_some
 from gsut.judge.checks import UNUSABLE
-from gsut.sfm.learned import add_learned_features
+from gsut.sfm.learned import A_FEW, add_learned_features
 from gsut.sfm.lens import search_lenses
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import explain_failure, require_overlap
 from gsut.sfm.rig import solve_rig
 from gsut.sfm.solution import measure_diagonal, solve_poses
 from gsut.sfm.starts import compare_halves, register_left_out, try_other_starts
-
-_A_FEW = 12  # images, up to which learned features are added where those of SIFT hold poses badly
 
 
 def map_connected(mapping: Mapping) -> Mapping:
@@ -33,7 +31,7 @@ def map_connected(mapping: Mapping) -> Mapping:
         absent = ~plain.solved.registered
     except SolveError as error:
         failure = error
-    if failure is None and len(absent) <= _A_FEW:
+    if failure is None and len(absent) <= A_FEW:
         plain = compare_halves(plain)
     off = _measure_halves(plain)
     is_weak = off > UNUSABLE

