@@ -18,6 +18,7 @@ import numpy as np
 
 from gsut._core import InputError, SolveError
 from gsut.data import read_dataset
+from gsut.data.images import read_header
 from gsut.gaussians import measure_rotation_angles
 from gsut.lens import convert_camera, save_camera
 from gsut.lens.files import to_colmap
@@ -134,7 +135,7 @@ def measure_pycolmap(data: Path, lens: str, python: str, threads: int) -> Row:
     row: Row = {"registered": 0, "images": len(names)}
     request: Row = {
         "images": str(root), "names": names, "threads": threads or -1,
-        "single": len(photographs.unknown_groups) < 2, "model": None, "params": None,
+        "single": len({_read_size(path) for path in paths}) == 1, "model": None, "params": None,
     }  # fmt: skip
     if lens == KNOWN:
         cameras = {camera for camera in photographs.cameras if camera is not None}
@@ -172,6 +173,12 @@ def measure_pycolmap(data: Path, lens: str, python: str, threads: int) -> Row:
         )
         row |= _describe_errors(errors) | measure_auc(poses, reference)
     return row
+
+
+def _read_size(path: Path) -> tuple[int, ...]:
+    """Returns a picture's sides, the shorter first: those of one camera, however it was held."""
+    header = read_header(path)
+    return tuple(sorted((header.width, header.height)))
 
 
 def complete_pose(rows: Sequence[Sequence[float]]) -> np.ndarray:
