@@ -59,7 +59,7 @@ def find_focal_by_turns(mapping: Mapping) -> Mapping:
     except SolveError:
         return mapping
     focal, found = find_focal(both), calibrate_poses(mapping, both, rates)
-    held = hold_focal(mapping, flags, focal)
+    held = hold_focal(mapping, flags, focal / find_focal(solution))
     if held is None or found is None:
         return mapping
     sigma = _find_formal_sigma(both, flags, turns)

@@ -66,7 +66,7 @@ def weigh_focal_prior(mapping: Mapping, features_sigma: float) -> tuple[Mapping,
     both = prior.sigma * math.sqrt(1 - share)
     held = None
     if agrees and sigma > _NEGLIGIBLE * prior.sigma and solution.shutter is None:
-        held = hold_focal(mapping, flags, focal * math.exp((share - 1) * gap))
+        held = hold_focal(mapping, flags, math.exp((share - 1) * gap))
     known = f"{focal:.0f} px, known to {200 * sigma:.1f} % (two standard deviations)"
     figures = {
         "source": prior.source, "px": prior.px, "sigma_percent": 100 * prior.sigma,
@@ -112,10 +112,10 @@ def find_focal(solution: Solution) -> float:
     return float(camera.params[find_focal_params(camera)[0]])
 
 
-def hold_focal(mapping: Mapping, flags: np.ndarray, px: float) -> Solution | None:
-    """Adjusts everything but the focal length, set to px; None if images are lost."""
+def hold_focal(mapping: Mapping, flags: np.ndarray, factor: float) -> Solution | None:
+    """Adjusts everything but the focal length, changed by a factor; None if images are lost."""
     solution = mapping.solved
-    lens = with_scaled_focal(solution.cameras[0], px / find_focal(solution))
+    lens = with_scaled_focal(solution.cameras[0], factor)
     start = dataclasses.replace(solution, cameras=[lens] * len(solution.cameras))
     free = flags.copy()
     free[find_focal_params(lens)] = 0
