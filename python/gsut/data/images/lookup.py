@@ -12,7 +12,7 @@ from gsut.data.images.names import normalize_name
 from gsut.files import ENDINGS, split_numbers
 
 # Start of a path of another machine, of which the last parts alone can be found here.
-_ABSOLUTE = re.compile(r"[a-z]+:/|/|\.\./")
+_ABSOLUTE = re.compile(r"(?<![a-z])[a-z]+:/|/|\.\./")
 _MOST_LETTERS = 4096  # of a path, on the systems that take the longest
 
 

@@ -16,7 +16,7 @@ from gsut._core import CalibrationError
 from gsut.files import decode_text, parse_json, parse_yaml
 from gsut.lens.camera import Camera
 
-_NUMBERS = re.compile(r"[-+.\deE]+(?:\s+[-+.\deE]+)+")
+_NUMBER = re.compile(r"[-+.\deE]+")
 KEYED = (".json", ".yaml", ".yml")  # suffixes of files of keys and values
 
 
@@ -96,8 +96,10 @@ def _read_opencv_xml(file: LensFile) -> dict[str, Any]:
     for element in root:
         parts = {child.tag: (child.text or "").strip() for child in element}
         text = (element.text or "").strip()
-        words: Any = text.split() if _NUMBERS.fullmatch(text) else text  # a size: 640 480
-        values[element.tag] = {**parts, "data": parts["data"].split()} if "data" in parts else words
+        words = text.split()
+        is_list = len(words) > 1 and all(map(_NUMBER.fullmatch, words))  # a size: 640 480
+        value: Any = words if is_list else text
+        values[element.tag] = {**parts, "data": parts["data"].split()} if "data" in parts else value
     return values
 
 

@@ -36,8 +36,10 @@ _STEREO_COUNT = 8000
 _MOST_DEPTHS = 100
 # Points found by stereo that each of the dataset's, which are more exact, replaces.
 _STEREO_PER_POINT = 2
-# Largest share of the most Gaussians that stereo or depths may take: the others grow where needed.
-_FOUND_SHARE = 0.8
+# Largest share of the most Gaussians that stereo may take: the others grow where needed.
+_STEREO_SHARE = 0.4
+# The same of known depths, which are more exact.
+_DEPTH_SHARE = 0.8
 # Share of the training views that the dataset's points must cover to need no others.
 _COVERED = 0.8
 
@@ -76,8 +78,8 @@ def _find_points_to_seed(scene: Scene, options: TrainOptions, sky: int) -> Color
     if o.init != "auto":
         return None
     by_files = has_depths(scene)  # depth files add to the points, and not stereo
-    most = _MOST_FREE if by_files else _STEREO_COUNT
-    most = min(most, round(_FOUND_SHARE * o.max_gaussians))
+    most, share = (_MOST_FREE, _DEPTH_SHARE) if by_files else (_STEREO_COUNT, _STEREO_SHARE)
+    most = min(most, round(share * o.max_gaussians))
     count = min(most - _STEREO_PER_POINT * given, o.max_gaussians - given - sky)
     if count <= 0 or measure_coverage(scene) >= _COVERED:
         return None
