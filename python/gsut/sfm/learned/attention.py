@@ -46,7 +46,7 @@ def match_by_attention(
         name = f"transformers.{layer}"
         x = [
             _add_self_attention(weights, *each, f"{name}.self_attn")
-            for each in zip(x, waves, strict=False)
+            for each in zip(x, waves, strict=True)
         ]
         x = _add_cross_attention(weights, x, f"{name}.cross_attn")
     return _assign(weights, x, f"log_assignment.{_LAYERS - 1}")
