@@ -1,5 +1,6 @@
 """Held-out figures and the report of a run."""
 
+from gsut.evaluate.detail import is_beside
 from gsut.evaluate.evaluation import evaluate, run_metrics
 from gsut.evaluate.held_out import mean_psnr
 from gsut.evaluate.report import write_report

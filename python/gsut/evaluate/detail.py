@@ -6,6 +6,8 @@ term of SSIM (Wang et al., 2004) compares what an eye calls sharp: local contras
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 # Longer side in pixels at which pictures are compared: that of a picture on a page.
@@ -94,6 +96,19 @@ def measure_details(
     return plain, max(plain, detail.measure(shifted)), *patch
 
 
+def is_beside(patch: np.ndarray, where: np.ndarray | None) -> bool:
+    """Returns whether a wrong patch (h, w), or a cell beside it, has a pixel of `where` (H, W)."""
+    import cv2
+
+    if where is None or not patch.any():
+        return False
+    width = 2 * _choose_cell(patch.shape) + 1
+    around = cv2.dilate(patch.astype(np.uint8), np.ones((width, width), np.uint8))
+    size = patch.shape[1], patch.shape[0]
+    inside = cv2.resize(where.astype(np.float32), size, interpolation=cv2.INTER_AREA)
+    return bool((inside * around).any())
+
+
 class _Detail:
     """The detail of a photograph, with which renders are compared.
 
@@ -139,7 +154,7 @@ class _Detail:
         import cv2
 
         right, chosen = self.find_right(shown) & self.chosen, self.chosen
-        side = -(-max(chosen.shape) // _CELLS)
+        side = _choose_cell(chosen.shape)
 
         def count(pixels: np.ndarray) -> np.ndarray:
             """Counts the pixels in each cell and its neighbours."""
@@ -195,6 +210,11 @@ class _Detail:
         import cv2
 
         return cv2.resize(picture, self._size, interpolation=cv2.INTER_AREA)
+
+
+def _choose_cell(shape: Sequence[int]) -> int:
+    """Chooses the side in pixels of the cells in which detail is counted."""
+    return -(-max(shape) // _CELLS)
 
 
 def _average(values: np.ndarray, deviation: float = _WINDOW) -> np.ndarray:

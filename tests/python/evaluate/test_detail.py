@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from gsut.evaluate.detail import measure_detail, measure_details
+from gsut.evaluate.detail import is_beside, measure_detail, measure_details
 from gsut.judge.checks.training import GOOD, POOR, SHIFT_GAIN
 from gsut.metrics import psnr
 
@@ -99,3 +99,15 @@ def test_wrong_patch_is_found_where_somebody_is_fog_and_nowhere_else(photograph)
     assert 0.5 * area < share < 2 * area
     for image in (true, cv2.GaussianBlur(true, (0, 0), 3)):
         assert not measure_details(photograph, image, ALL)[2].any()
+
+
+@pytest.mark.parametrize(
+    ("rows", "columns", "beside"),
+    [((8, 12), (9, 11), True), ((8, 12), (11, 14), True), ((0, 3), (0, 16), False)],
+)
+def test_patch_is_beside_what_lies_in_it_or_within_a_cell(rows, columns, beside):
+    patch, moved = np.zeros((600, 800), bool), np.zeros((12, 16), bool)
+    patch[300:500, 350:520] = True
+    moved[slice(*rows), slice(*columns)] = True
+    assert is_beside(patch, moved) == beside
+    assert not is_beside(patch & False, moved) and not is_beside(patch, None)

@@ -19,6 +19,7 @@ from gsut.training import read_trained
 from gsut.training.loop import TrainingLoop
 from gsut.training.photograph import Movers, movers
 from gsut.training.record import find_run_movers
+from gsut.training.record.results import _summarize_patches
 from random_scenes import pinhole
 
 SIZE, VIEWS, SIDE = 64, 9, 34
@@ -159,6 +160,17 @@ def test_training_leaves_movers_out_and_says_so(wall, tmp_path):
     again = evaluate(gaussians, own, own.test_indices, find_moving=find_moving)
     assert [row["moving"] > 0 for row in again["views"]] == moving
     assert metrics["moving_train"] > tolerances.MOVERS_SHARE
+
+
+@pytest.mark.parametrize(
+    ("row", "patch", "outside"), [(30, 0.25, 0.9), (0, 0.0, 0.6)], ids=["in it", "in the sky"]
+)
+def test_wrong_patch_is_that_of_movers_only_beside_them(row, patch, outside):
+    wrong, moved = np.zeros((2, SIZE, SIZE), bool)
+    wrong[32:, 32:], moved[row : row + 9, 40:50] = True, True
+    rows = [{"wrong_patch": wrong, "patch": 0.25, "detail": 0.6, "detail_outside": 0.9}] * 2
+    figures = _summarize_patches(rows, (3, 4), Movers({3: moved, 4: moved}))
+    assert figures == {"patch_train": patch, "detail_outside_train": outside}
 
 
 def test_movers_survive_a_checkpoint(wall, tmp_path):

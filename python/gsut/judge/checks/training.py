@@ -45,9 +45,9 @@ class TrainingQuality:
         detail, shifted: of held-out views, see `evaluate`.
         train: detail of training views; None: no other views were measured.
         moving: share of the training pixels that show what moved.
-        patch: share of a training view in which far less detail is right than elsewhere.
+        patch: share of a training view in which far less detail is right than elsewhere, beside
+            what moved.
         outside: detail of training views outside it.
-        views: number of training views.
         repeat: the training, as a command that repeats it with one change.
         accused: what the check before the training says is wrong; None: nothing.
     """
@@ -58,17 +58,12 @@ class TrainingQuality:
     moving: float
     patch: float
     outside: float
-    views: float
     repeat: NextCommand
     accused: Mapping[str, str] | None
 
     def has_moved(self) -> bool:
-        """Returns whether what moved spoils the scene: most of what moves slowly is not found.
-
-        It leaves a ghost for each training view at most, so a small one does not spoil everything.
-        """
-        is_found = self.moving >= _MOVING or (self.moving >= _MAY_MOVE and self.patch > 0)
-        return is_found and self.views * (self.moving + self.patch) >= 1 - self.detail
+        """Returns whether what moved spoils the scene: most of what moves slowly is not found."""
+        return self.moving >= _MOVING or (self.moving >= _MAY_MOVE and self.patch > 0)
 
     def is_lost_between(self) -> bool:
         """Returns whether held-out views lose more than training views have lost."""
@@ -232,7 +227,7 @@ def judge_training(
     Args:
         metrics: of metrics.json: psnr, psnr_color_corrected, detail_median, detail_min,
             least_detailed, detail_shifted_median, detail_train, unseen, moving, moving_train,
-            patch_train, detail_outside_train, train_views, steps, evaluated_on, refinement.
+            patch_train, detail_outside_train, steps, evaluated_on, refinement.
         data, run: the dataset's and the run's path, for the next command.
         options: that the run was made with, which the next command keeps; None: the defaults.
         division: words of the command line that divided it into blocks.
@@ -252,7 +247,6 @@ def judge_training(
         moving=metrics.get("moving_train", 0.0),
         patch=metrics.get("patch_train", 0.0),
         outside=metrics.get("detail_outside_train", metrics.get("detail_train", 0.0)),
-        views=metrics.get("train_views", math.inf),
         repeat=NextCommand(data, f"{run}-2", options, division, scene),
         accused=None if was_refined and _find_tracks(metrics)["refined"] else accused,
     )

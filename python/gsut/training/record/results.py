@@ -12,6 +12,7 @@ import numpy as np
 from gsut.data import Scene
 from gsut.evaluate import (
     evaluate,
+    is_beside,
     run_metrics,
     write_report,
 )
@@ -108,18 +109,39 @@ def measure_training(
             gaussians, scene, some, find_moving=movers.scale_mask, keep_patches=True, **how
         )
         metrics |= {f"{key}_train": trained[key] for key in ("psnr", "detail")}
-        rows = trained["views"]
-        metrics["patch_train"] = statistics.median(row["patch"] for row in rows)
-        metrics["detail_outside_train"] = statistics.median(row["detail_outside"] for row in rows)
-        if run is not None and metrics["patch_train"] > 0:
-            row, view = max(zip(rows, some, strict=True), key=lambda pair: pair[0]["patch"])
-            text = "far less detail is right here than in the rest of the picture"
-            marked = write_marked(run, scene, view, row["wrong_patch"], "patch.png", text)
-            metrics["marked"].append(marked)
+        metrics |= _summarize_patches(trained["views"], some, movers)
+        if run is not None and statistics.median(row["patch"] for row in trained["views"]) > 0:
+            metrics["marked"].append(_mark_patch(run, scene, trained["views"], some))
     metrics["notes"] += loop.notes
     if loop.refiner is not None:
         metrics["refinement"] = loop.refiner.summarize()
     return scene, metrics
+
+
+def _summarize_patches(
+    rows: Sequence[dict[str, Any]], views: Sequence[int], movers: Movers
+) -> dict[str, float]:
+    """Summarizes the wrong patches of training views, and their detail outside these.
+
+    A patch that does not lie beside what moved in its view is something else, and counts as none.
+    """
+    pairs = [
+        (row["patch"], row["detail_outside"])
+        if is_beside(row["wrong_patch"], movers.masks.get(view))
+        else (0.0, row["detail"])
+        for row, view in zip(rows, views, strict=True)
+    ]
+    patch, outside = map(statistics.median, zip(*pairs, strict=True))
+    return {"patch_train": patch, "detail_outside_train": outside}
+
+
+def _mark_patch(
+    run: RunFolder, scene: Scene, rows: Sequence[dict[str, Any]], views: Sequence[int]
+) -> dict[str, Any]:
+    """Writes the photograph of which a wrong patch takes most, with it marked."""
+    row, view = max(zip(rows, views, strict=True), key=lambda pair: pair[0]["patch"])
+    text = "far less detail is right here than in the rest of the picture"
+    return write_marked(run, scene, view, row["wrong_patch"], "patch.png", text)
 
 
 def _mark_fixed(run: RunFolder, scene: Scene) -> list[dict[str, Any]]:
