@@ -28,7 +28,7 @@ OPTIONS = PosesOptions()
 FURNITURE, WALLS = 120, 220
 
 
-def two_visits(rng, same_room):
+def two_visits(rng, same_room, visit_images=VISIT, furniture=FURNITURE):
     """Features and verified pairs of two walks on nearly the same path, by the furniture alone.
 
     In the other room the furniture is the same, the walls are not.
@@ -36,22 +36,22 @@ def two_visits(rng, same_room):
     camera = gsut.Camera(
         "kannala_brandt", [300, 301, 500, 505, 0.02, -0.01, 0.002, -0.0003], 1000, 1010
     )
-    count = FURNITURE + 2 * WALLS
+    count = furniture + 2 * WALLS
     points = rng.uniform([-4, -4, -3], [4, 4, 5], (count, 3))
     identity = rng.random((count, 128)) ** 4
     poses, features = [], []
-    for image in range(2 * VISIT):
-        visit, step = divmod(image, VISIT)
+    for image in range(2 * visit_images):
+        visit, step = divmod(image, visit_images)
         pose = _core.exp_pose([0, 0, 0, 0.02 * step, 0.12 * step, 0.01 * step])
         center = np.array([0.25 * step, 0.03 * step * step, 0.1 * (step % 2)])
         center += 0.05 * visit * rng.standard_normal(3)
         pose[:3, 3] = -pose[:3, :3] @ center
         pixels, valid = camera.project(points @ pose[:3, :3].T + pose[:3, 3])
-        walls = np.arange(count) - FURNITURE
+        walls = np.arange(count) - furniture
         valid &= (walls < 0) | (walls // WALLS == (0 if same_room else visit))
         poses.append(pose)
         features.append(shuffled(rng, observe(rng, camera, pixels, valid, 0.2, identity)[1]))
-    names = [f"f{image:03d}.jpg" for image in range(2 * VISIT)]
+    names = [f"f{image:03d}.jpg" for image in range(2 * visit_images)]
     raw = match_images(names, features, OPTIONS, quiet)
     pairs = verify_matches(Images(names, [camera] * len(names), features), raw, OPTIONS)
     return SimpleNamespace(
@@ -112,10 +112,35 @@ def test_one_room_visited_twice_is_left_as_it_is(rng):
     assert same is solution and pairs == scene.pairs
 
 
+def few_photographs(rng, same_room):
+    """The solution and pairs of three photographs of each visit, with little furniture."""
+    scene = two_visits(rng, same_room, visit_images=3, furniture=25)
+    solution = mapped(scene, scene.pairs)
+    assert solution.registered.all()
+    return solution, scene.pairs
+
+
+@pytest.mark.parametrize("same_room", [False, True])
+def test_two_rooms_of_six_numbered_photographs_are_doubted(rng, same_room):
+    solution, pairs = few_photographs(rng, same_room)
+    same, kept, found = separate_look_alikes(
+        solution, pairs, lambda pairs: pytest.fail("mapped again"), np.arange(6), NEAR
+    )
+    assert same is solution and kept == pairs
+    assert found is None if same_room else found.images == solution.names
+
+
+def test_one_photograph_without_matches_does_not_make_a_doubt(rng):
+    solution, pairs = few_photographs(rng, same_room=True)
+    others = [pair for pair in pairs if 0 not in (pair.first, pair.second)]
+    assert separate_look_alikes(solution, others, None)[2] is None
+
+
 def test_three_images_are_too_few_to_doubt(rng):
     scene = Synthetic(rng, images=3)
-    solution = solve_poses(scene.images(), scene.verified(), OPTIONS)
-    assert solution.registered.all() and find_look_alikes(solution) is None
+    pairs = scene.verified()
+    solution = solve_poses(scene.images(), pairs, OPTIONS)
+    assert solution.registered.all() and separate_look_alikes(solution, pairs, None)[2] is None
 
 
 def test_two_rooms_stay_as_they_are_where_nothing_is_left(folded):

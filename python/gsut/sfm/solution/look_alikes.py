@@ -3,11 +3,15 @@
 Where a camera walks through two rooms with the same furniture, the rotations of pairs do not
 contradict each other: the furniture fits. What stands around it does not fit: of the points that
 several images of one room see, the images of the other room see only those of the furniture.
+
+Of few photographs hardly three see a point from one side. But two that see a thing from nearly the
+same side have many matches with each other; where they have hardly any, it only looks alike.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Callable
 
 import numpy as np
@@ -37,6 +41,13 @@ _FEWEST_PAIRS = 2  # of an image, for its share to count
 _FEWEST_IMAGES = 3  # doubted, for a doubt at all
 _LEAST_OF_ALL = 0.1  # share of the comparable images that must be doubted, for a doubt at all
 _ROUNDS = 2  # of dropping joins and mapping again
+_FEW = 12  # images, up to which each two are compared by their own matches
+# The limits above for two images: most matches are found from farther apart.
+_MOST_ANGLE_OF_TWO = np.radians(12.0)
+_MOST_DISTANCE_RATIO_OF_TWO = 1.5
+_FEWEST_OF_TWO = 40  # points that the two must be able to compare
+_LEAST_MATCHED = 0.15  # share of them that two images of one place match
+_FEWEST_APART = 3  # pairs that match less, for a doubt at all
 _LEAST_LEFT = 0.2  # share of the images with a pose that must keep one, or nothing is dropped
 
 
@@ -106,12 +117,15 @@ def separate_look_alikes(
             near each other stay joined, or, where times are not known, images that share a
             neighbour: another false join may look right, and one is enough to fold the whole.
         near: frames whose numbers differ by no more are not compared, as they follow each other;
-            nor are frames between which the camera did not leave the place.
+            nor are frames between which the camera did not leave the place. Numbers of few images
+            say nothing; each two of them are compared by their own matches too.
 
     Returns:
         The solution, its pairs, and what still speaks for places taken for one; solution and pairs
         are those given where no image is doubted or too little would be left.
     """
+    is_few = len(solution.names) <= _FEW
+    times = None if is_few else times
     found = _gather_evidence(solution, times, near)
     least = _LEAST_LEFT * solution.num_registered
     for _ in range(_ROUNDS):
@@ -127,6 +141,8 @@ def separate_look_alikes(
         if fresh.num_registered < least:
             break
         solution, pairs, found = fresh, kept, _gather_evidence(fresh, times, near)
+    if is_few and not found.doubted.any():
+        found = _compare_matches(solution, pairs)
     return solution, pairs, _name_doubted(solution, found)
 
 
@@ -161,6 +177,43 @@ def _gather_evidence(solution: Solution, times: np.ndarray | None, near: int) ->
     comparable = of_image >= _FEWEST_PAIRS
     doubted = comparable & (mean < _LEAST_SHARE)
     if doubted.sum() < max(_FEWEST_IMAGES, _LEAST_OF_ALL * comparable.sum()):
+        doubted[:] = False
+    return _Evidence(shares, joined, doubted)
+
+
+def _compare_matches(solution: Solution, pairs: list[PairMatches]) -> _Evidence:
+    """Compares the matches of each two images with the points that either shares with others.
+
+    What counts is a verified match of the two, not that both observe the point: near the place
+    where it should be, one of many features that look alike may be taken for it. Images that do not
+    match each other are doubted where no others lead from one to the other, unless all such pairs
+    have one image, which may be blurred or dark.
+    """
+    count, observations = len(solution.names), solution.observations
+    views = np.bincount(observations[:, 0], minlength=len(solution.points))
+    centers = find_centers(solution.camera_from_world)
+    matched: dict[tuple[int, int], np.ndarray] = {}
+    for pair in pairs:
+        matched[pair.first, pair.second], matched[pair.second, pair.first] = pair.matches.T
+    of_image = [observations[observations[:, 1] == image] for image in range(count)]
+    expected, seen = np.zeros((count, count)), np.zeros((count, count))
+    for image, other in itertools.permutations(np.flatnonzero(solution.registered).tolist(), 2):
+        point, _, feature = of_image[image].T
+        points = solution.points[point]
+        held = views[point] - np.isin(point, of_image[other][:, 0]) > 1
+        wanted = held & _is_in_view(solution, other, points) & _is_seen_alike(
+            points - centers[image], points - centers[other],
+            _MOST_ANGLE_OF_TWO, _MOST_DISTANCE_RATIO_OF_TWO,
+        )  # fmt: skip
+        expected[image, other] = wanted.sum()
+        seen[image, other] = np.isin(feature[wanted], matched.get((image, other), ())).sum()
+    points = expected + expected.T
+    shares = np.where(points >= _FEWEST_OF_TWO, (seen + seen.T) / np.maximum(points, 1), np.nan)
+    matching = shares >= _LEAST_MATCHED
+    joined = _find_stays(np.ones_like(matching), matching)
+    apart = (shares < _LEAST_MATCHED) & ~joined
+    doubted = apart.any(axis=1)
+    if apart.sum() <= 2 * max(apart.sum(axis=1).max(), _FEWEST_APART - 1):
         doubted[:] = False
     return _Evidence(shares, joined, doubted)
 
@@ -212,16 +265,11 @@ def _compare_views(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Counts (N, N) the points of the first image that the second should see, and does see."""
     count = len(observed)
-    points, poses = solution.points[chosen], solution.camera_from_world
-    centers = find_centers(poses)
+    points, centers = solution.points[chosen], find_centers(solution.camera_from_world)
     in_view = np.zeros(observed.shape, bool)
     images = np.flatnonzero(solution.registered & observed.any(axis=1))
     for image in images:
-        camera = solution.cameras[image]
-        pixels, valid = camera.project(points @ poses[image, :3, :3].T + poses[image, :3, 3])
-        size = np.array([camera.width, camera.height])
-        inside = np.abs(pixels / size - 0.5) < 0.5 - _MARGIN
-        in_view[image] = valid & inside.all(axis=1)
+        in_view[image] = _is_in_view(solution, int(image), points)
     stable = observed & (_count_in_groups(observed, groups) >= _SEEN_BY)
     expected, seen = np.zeros((count, count)), np.zeros((count, count))
     for image in images:
@@ -231,18 +279,31 @@ def _compare_views(
             continue
         same_view = np.zeros((count, len(own)), bool)
         ray = points[own] - centers[image]
-        distance = np.linalg.norm(ray, axis=1)
         moved = np.linalg.norm(centers - centers[image], axis=1)
-        close = np.flatnonzero(moved < _MOST_MOVED * distance.max())
+        close = np.flatnonzero(moved < _MOST_MOVED * np.linalg.norm(ray, axis=1).max())
         rays = points[own] - centers[close, None]
-        far = np.linalg.norm(rays, axis=2)
-        cosine = (rays * ray).sum(axis=2) / np.maximum(far * distance, 1e-300)
-        ratio = far / distance
-        same_side = (cosine > np.cos(_MOST_ANGLE)) & (ratio < _MOST_DISTANCE_RATIO)
-        same_side &= ratio > 1 / _MOST_DISTANCE_RATIO
-        same_view[close] = in_view[close][:, own] & same_side
+        alike = _is_seen_alike(ray, rays, _MOST_ANGLE, _MOST_DISTANCE_RATIO)
+        same_view[close] = in_view[close][:, own] & alike
         wanted = same_view & (_count_in_groups(same_view, groups) >= _SEEN_BY)
         found = _count_in_groups(observed[:, own], groups) > 0
         expected[image] = wanted.sum(axis=1)
         seen[image] = (wanted & found).sum(axis=1)
     return expected, seen
+
+
+def _is_in_view(solution: Solution, image: int, points: np.ndarray) -> np.ndarray:
+    """Returns (N,) bool: points (N, 3) lie in the image, and not at its margin."""
+    camera, pose = solution.cameras[image], solution.camera_from_world[image]
+    pixels, valid = camera.project(points @ pose[:3, :3].T + pose[:3, 3])
+    inside = np.abs(pixels / [camera.width, camera.height] - 0.5) < 0.5 - _MARGIN
+    return valid & inside.all(axis=1)
+
+
+def _is_seen_alike(
+    ray: np.ndarray, rays: np.ndarray, most_angle: float, most_ratio: float
+) -> np.ndarray:
+    """Returns bool: rays (..., 3) to points from two centers differ little in way and length."""
+    distance, far = np.linalg.norm(ray, axis=-1), np.linalg.norm(rays, axis=-1)
+    cosine = (rays * ray).sum(axis=-1) / np.maximum(far * distance, 1e-300)
+    ratio = far / distance
+    return (cosine > np.cos(most_angle)) & (ratio < most_ratio) & (ratio > 1 / most_ratio)
