@@ -1,8 +1,4 @@
-"""Compares the colours of points with the pixels that they project to.
-
-Of all points that fall into one cell of an image only the nearest counts, since it may hide the
-others.
-"""
+"""Compares the colours of points with the pixels that show them."""
 
 from __future__ import annotations
 
@@ -14,13 +10,13 @@ from gsut._core import InputError
 from gsut.check.findings import Finding
 from gsut.check.samples import FEWEST, choose_views
 from gsut.data import Scene, list_some
+from gsut.data.scene import find_visible_points
 from gsut.run import Progress
 
 EXPECTED_R = 0.5  # correlation; good real data reach 0.7 to 0.95
 _STOPS = 0.7  # photographic stops by which a view may be brighter or darker than the others
 _LEAST_VIEW_R = 0.25  # correlation below which a single view is suspect if the others are good
 _ORDER_GAIN = 0.03  # correlation gained by another order of colours that is worth a warning
-_CELLS = 48  # cells along the image's longer side: fine enough that few points are thinned out
 
 _Colors = np.ndarray  # (2, N, 3) of points, and of the pixels that show them
 
@@ -117,26 +113,12 @@ def _correlate(seen: _Colors) -> float | None:
 
 def _see_points(scene: Scene, index: int) -> _Colors | None:
     """Returns colours of points and of a view's pixels (2, N, 3); None with too few of them."""
-    camera = scene.camera(index)
     try:
-        image, mask = scene.image(index), scene.mask(index)
+        image = scene.image(index)
+        rows, places, _ = find_visible_points(scene, index, scene.points)
     except InputError:
         return None
-    pose = scene.views[index].camera_from_world
-    relative = scene.points @ pose[:3, :3].T + pose[:3, 3]
-    pixels, valid = camera.project(relative)
-    rows = np.flatnonzero(np.asarray(valid, bool))
-    rows = rows[np.argsort(-np.linalg.norm(relative[rows], axis=1), kind="stable")]
-    (height, width), longer = mask.shape, max(mask.shape)
-    x, y = np.floor(pixels[rows]).T.astype(int)
-    inside = (x >= 0) & (y >= 0) & (x < width) & (y < height)
-    rows, x, y = rows[inside], x[inside], y[inside]
-    kept = mask[y, x]
-    rows, x, y = rows[kept], x[kept], y[kept]
-    cell = (y * _CELLS // longer) * (_CELLS + 1) + x * _CELLS // longer
-    nearest = np.full((_CELLS + 1) ** 2, -1)
-    nearest[cell] = np.arange(len(cell))  # the last one written to a cell stays: the nearest
-    first = nearest[nearest >= 0]
-    if len(first) < FEWEST:
+    if len(rows) < FEWEST:
         return None
-    return np.stack([scene.point_colors[rows[first]], image[y[first], x[first]]]).astype(np.float64)
+    x, y = (places * image.shape[1::-1]).astype(int).T
+    return np.stack([scene.point_colors[rows], image[y, x]]).astype(np.float64)
