@@ -12,10 +12,12 @@ from gsut.judge.hypotheses import Dataset, Hypothesis, Variant, find_best_varian
 from gsut.judge.lens_errors import LENS_ERRORS
 from gsut.judge.path_errors import PATH_ERRORS
 from gsut.judge.preference import (
+    LEAST_NOISE,
     SURE,
     Matches,
     Preference,
     Structure,
+    estimate_share,
     prefer,
     score_errors,
 )
@@ -26,6 +28,7 @@ HYPOTHESES = (*READINGS, *LENS_ERRORS, *PATH_ERRORS)
 
 __all__ = [
     "HYPOTHESES",
+    "LEAST_NOISE",
     "MOMENTS",
     "SURE",
     "TINY",
@@ -36,6 +39,7 @@ __all__ = [
     "Structure",
     "Variant",
     "compute_readout_poses",
+    "estimate_share",
     "find_best_variants",
     "find_readout_moments",
     "list_signed_permutations",

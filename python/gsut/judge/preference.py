@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from gsut.significance import convert_to_normal
 SURE = 3.0
 _ROUNDS = 20  # of expectation and maximization, which settle in about ten
 _MEDIAN_DEVIATION = 1.4826  # standard deviation of a normal law, in median absolute deviations
-_LEAST_NOISE = 0.01  # pixels: no feature is found better
+LEAST_NOISE = 0.01  # pixels: no feature is found better
 
 
 @dataclasses.dataclass(frozen=True)
@@ -94,22 +95,45 @@ def prefer(current: Structure, rival: Structure, matches: Matches) -> Preference
 def estimate_noise(errors: np.ndarray, extent: float) -> tuple[float, float]:
     """Estimates the standard deviation of right matches' errors in pixels, and the share of these.
 
-    By expectation and maximization over a normal law and a uniform one.
+    Errors of right matches are normal, those of wrong ones uniform.
 
     Args:
         errors: of any shape, pixels; those that are not finite count as wrong.
         extent: see `Matches`.
     """
     known = errors[np.isfinite(errors)]
-    if not len(known):
-        return _LEAST_NOISE, 0.0
-    noise, fitting = max(float(np.median(known)), _LEAST_NOISE), 0.5
+    noise = max(float(np.median(known)), LEAST_NOISE) if len(known) else LEAST_NOISE
+
+    def update(weights: np.ndarray) -> None:
+        nonlocal noise
+        noise = max(math.sqrt(weights @ known**2), LEAST_NOISE)
+
+    share = estimate_share(lambda: _evaluate_normal(known, noise), update, errors.size, extent)
+    return noise, share
+
+
+def estimate_share(
+    evaluate: Callable[[], np.ndarray],
+    update: Callable[[np.ndarray], None],
+    count: int,
+    extent: float,
+) -> float:
+    """Estimates the share of right matches, and their law, by expectation and maximization.
+
+    Args:
+        evaluate: returns the density (M,) of right matches by the law.
+        update: fits the law to the weights (M,) of right matches, whose sum is 1.
+        count: number of all matches, with those that have no error.
+        extent: length or area over which wrong matches spread.
+    """
+    share = 0.5
     for _ in range(_ROUNDS):
-        density = fitting * _evaluate_normal(known, noise)
-        right = density / (density + (1 - fitting) / extent)
-        noise = math.sqrt(float(right @ known**2) / max(float(right.sum()), 1.0))
-        noise, fitting = max(noise, _LEAST_NOISE), float(right.sum()) / errors.size
-    return noise, fitting
+        density = share * evaluate()
+        right = density / (density + (1 - share) / extent)
+        total = float(right.sum())
+        update(right / max(total, 1.0))
+        share = total / max(1, count)
+    return share
 
 
 def score_errors(errors: np.ndarray, noise: float, fitting: float, extent: float) -> np.ndarray:

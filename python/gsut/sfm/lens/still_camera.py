@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from gsut import _core
 from gsut._core import SolveError
-from gsut.judge import measure_angular_errors, measure_pixels_per_radian
+from gsut.judge import (
+    LEAST_NOISE,
+    estimate_share,
+    measure_angular_errors,
+    measure_pixels_per_radian,
+)
 from gsut.lens import Camera
 from gsut.sfm.lens.candidates import explain_implausible, list_lens_ladder
 from gsut.sfm.lens.ranking import MATCHES, QUICK_PAIRS, choose_informative_pairs
@@ -30,8 +35,6 @@ _LEAST_FIELD = 0.6
 _LEAST_KNOWN_FIELD = 1.4
 _LESS_EXACT = 3.0
 _LEAST_PARALLAX = 4.0  # standard deviations of the noise, up to which parallax shows no depth
-_LEAST_NOISE = 0.01  # pixels: no feature is found better
-_ROUNDS_OF_NOISE = 20  # of expectation and maximization, which settle in about ten
 _ROUNDS = 5  # of reweighting, and of adjusting a lens: both settle in three or four
 # Standard deviations of a lens about one of the ladder: logarithm of the focal length, principal
 # point over the diagonal, two radial coefficients.
@@ -102,9 +105,9 @@ def require_motion(mapping: Mapping) -> None:
     else:
         return
     if turns:
-        rows = [score_turns(errors, sample.fitted, extent) for errors in turns]
+        rows = [_score_matches(errors, None, sample.fitted, extent) for errors in turns]
         by_turns = int(np.argmax([score[sample.fitted].sum() for score in rows]))
-        others = [score_poses(f.errors, f.parallax, sample.fitted, extent) for f in poses]
+        others = [_score_matches(f.errors, f.parallax, sample.fitted, extent) for f in poses]
         by_poses = int(np.argmax([score[sample.fitted].sum() for score in others]))
         gain = float((others[by_poses] - rows[by_turns])[~sample.fitted].sum())
         if gain <= 0:
@@ -120,9 +123,7 @@ def _compare_exactness(sample: _Sample, turns: np.ndarray, poses: np.ndarray) ->
     """Returns how much less exact rotations are than poses in the upper quartile of the pairs."""
     held = ~sample.fitted & np.isfinite(turns) & np.isfinite(poses)
     rows = [held & (sample.pair == i) for i in range(len(sample.images))]
-    ratios = [
-        _find_median(turns[own]) / max(_find_median(poses[own]), _LEAST_NOISE) for own in rows
-    ]
+    ratios = [_find_median(turns[own]) / max(_find_median(poses[own]), LEAST_NOISE) for own in rows]
     return float(np.quantile(ratios, 0.75))
 
 
@@ -184,75 +185,46 @@ def _refuse_turns(sample: _Sample, turns: np.ndarray, poses: np.ndarray, limit: 
     )
 
 
-def score_turns(errors: np.ndarray, fitted: np.ndarray, extent: float) -> np.ndarray:
-    """Returns the log-likelihood of matches by rotations, over that of wrong matches, in nats.
+def _score_matches(
+    errors: np.ndarray, parallax: np.ndarray | None, fitted: np.ndarray, extent: float
+) -> np.ndarray:
+    """Returns the log-likelihood of matches (M,), over that of wrong matches, in nats.
 
     Args:
-        errors: (M,) root mean squares of two directions, in pixels.
+        errors: (M,) in pixels; of rotations, root mean squares of two directions; of poses with
+            translation, from epipolar planes.
+        parallax: (M,) of poses, from where points at infinity would be, in pixels; None: rotations.
         fitted: (M,) which the noise is estimated from.
         extent: pixels over which wrong matches spread.
     """
-    noise = [max(_find_median(errors[fitted]), _LEAST_NOISE)]
+    known = fitted & np.isfinite(errors)
+    noise = max(_find_median(errors[fitted]), LEAST_NOISE)
+    reach = _LEAST_PARALLAX * noise
+    if parallax is not None:
+        reach = max(_find_median(parallax[fitted]), reach)
 
-    def evaluate() -> np.ndarray:
-        return np.exp(-((errors / noise[0]) ** 2)) / (2 * np.pi * noise[0] ** 2)
-
-    def update(weights: np.ndarray) -> None:
-        noise[0] = max(math.sqrt(weights @ np.nan_to_num(errors) ** 2), _LEAST_NOISE)
-
-    return _score_mixture(evaluate, update, fitted, extent)
-
-
-def score_poses(
-    errors: np.ndarray, parallax: np.ndarray, fitted: np.ndarray, extent: float
-) -> np.ndarray:
-    """Returns what `score_turns` does, by poses with translation.
-
-    Args:
-        errors: (M,) from epipolar planes, in pixels.
-        parallax: (M,) from where points at infinity would be, in pixels.
-        fitted, extent: see `score_turns`.
-    """
-    noise = [max(_find_median(errors[fitted]), _LEAST_NOISE)]
-    reach = [max(_find_median(parallax[fitted]), _LEAST_PARALLAX * noise[0])]
-
-    def evaluate() -> np.ndarray:
-        across = np.exp(-0.5 * (errors / noise[0]) ** 2) / (math.sqrt(2 * np.pi) * noise[0])
-        return across * np.exp(-parallax / reach[0]) / reach[0]
+    def evaluate(rows: np.ndarray) -> np.ndarray:
+        off = (errors[rows] / noise) ** 2
+        if parallax is None:
+            return np.exp(-off) / (2 * np.pi * noise**2)
+        across = np.exp(-0.5 * off) / (math.sqrt(2 * np.pi) * noise)
+        return across * np.exp(-parallax[rows] / reach) / reach
 
     def update(weights: np.ndarray) -> None:
-        noise[0] = max(math.sqrt(weights @ np.nan_to_num(errors) ** 2), _LEAST_NOISE)
-        reach[0] = max(float(weights @ np.nan_to_num(parallax)), _LEAST_PARALLAX * noise[0])
+        nonlocal noise, reach
+        noise = max(math.sqrt(weights @ errors[known] ** 2), LEAST_NOISE)
+        if parallax is not None:
+            reach = max(float(weights @ parallax[known]), _LEAST_PARALLAX * noise)
 
-    return _score_mixture(evaluate, update, fitted, extent)
+    share = estimate_share(lambda: evaluate(known), update, np.count_nonzero(fitted), extent**2)
+    right = np.nan_to_num(evaluate(np.ones(len(errors), bool)))
+    return np.log(1 - share + share * right * extent**2)
 
 
 def _find_median(values: np.ndarray) -> float:
     """Returns the median of finite values; 0 without any."""
     known = values[np.isfinite(values)]
     return float(np.median(known)) if len(known) else 0.0
-
-
-def _score_mixture(
-    evaluate: Callable[[], np.ndarray],
-    update: Callable[[np.ndarray], None],
-    fitted: np.ndarray,
-    extent: float,
-) -> np.ndarray:
-    """Returns the log-likelihood of right and wrong matches by expectation and maximization.
-
-    Args:
-        evaluate: returns the density of right matches.
-        update: sets its parameters by the weights (M,) of right matches, whose sum is 1.
-        fitted, extent: see `score_turns`.
-    """
-    share = 0.5
-    for _ in range(_ROUNDS_OF_NOISE):
-        right = share * np.nan_to_num(evaluate())
-        weights = fitted * right / (right + (1 - share) / extent**2)
-        share = float(weights.sum() / max(1, fitted.sum()))
-        update(weights / max(float(weights.sum()), 1.0))
-    return np.log(1 - share + share * np.nan_to_num(evaluate()) * extent**2)
 
 
 def _choose_sample(mapping: Mapping) -> _Sample:
