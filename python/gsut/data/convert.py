@@ -25,7 +25,14 @@ from gsut.data.layouts import Layout, describe_recording, find_layout, list_layo
 from gsut.data.listing import Frame, Listing
 from gsut.data.load import read_dataset
 from gsut.data.memory import check_counts, check_image, check_points
-from gsut.data.poses import check_rigid, format_seconds, format_tum, invert_pose
+from gsut.data.poses import (
+    check_rigid,
+    format_seconds,
+    format_tum,
+    invert_pose,
+    move_poses,
+    split_similarity,
+)
 from gsut.data.recordings import Recording, pair_recording
 from gsut.data.scene import Scene, split_views
 from gsut.files import copy_file, staging_folder, whole_folder, write_file, write_picture
@@ -183,15 +190,13 @@ def _take_poses(listing: Listing, scene: Scene) -> None:
 
 def _move_into(listing: Listing, cloud: Path, matrix: np.ndarray) -> None:
     """Moves the poses by a similarity (4, 4) into the frame of a cloud, and takes its points."""
-    rotation = matrix[:3, :3] / np.cbrt(np.linalg.det(matrix[:3, :3]))
+    scale, rotation, shift = split_similarity(matrix)
     for frame in listing.frames:
         for name in ("world_from_camera", "world_from_camera_start", "world_from_camera_end"):
             pose = getattr(frame, name)
             if pose is not None:
-                moved = np.eye(4)
-                moved[:3, :3] = rotation @ pose[:3, :3]
-                moved[:3, 3] = matrix[:3, :3] @ pose[:3, 3] + matrix[:3, 3]
-                setattr(frame, name, moved)
+                moved = move_poses(invert_pose(pose), scale, rotation, shift)
+                setattr(frame, name, invert_pose(moved))
         frame.rig = None
     if any(frame.depth_path is not None for frame in listing.frames):
         listing.notes.append("depth files are left out: they are in the unit of the poses before")

@@ -16,6 +16,7 @@ import numpy as np
 
 from gsut._core import InputError, SolveError
 from gsut.data import Scene
+from gsut.data.poses import move_poses, split_similarity
 from gsut.lens import Camera, find_focal_params, find_refinable_params, has_focal_length
 from gsut.refine.motion import measure_pose_changes, turn_onto
 from gsut.run import TrainOptions
@@ -80,7 +81,8 @@ def refine_by_tracks(
     ]
     given = scene.poses(indices)
     found = np.array(solution.camera_from_world)[np.asarray(solution.registered, bool)]
-    found = turn_onto(_move_world(found, compare_poses(found, given).reference_from_world), given)
+    world = split_similarity(compare_poses(found, given).reference_from_world)
+    found = turn_onto(move_poses(found, *world), given)
     changes = measure_pose_changes(found, given)
     refined = scene.with_poses(indices, found)
     before, after = scene.file_cameras[0], solution.cameras[0]
@@ -159,13 +161,3 @@ def _adjust_tracks(scene: Scene, options: TrainOptions, show: OnProgress) -> Sol
         poses = solution.fill_poses(poses)
         cameras = list(solution.cameras)
     return solution
-
-
-def _move_world(camera_from_world: np.ndarray, new_from_old: np.ndarray) -> np.ndarray:
-    """Carries poses (N, 4, 4) to a world moved by a similarity (4, 4); they stay rigid."""
-    scale = float(np.cbrt(np.linalg.det(new_from_old[:3, :3])))
-    rotation, shift = new_from_old[:3, :3] / scale, new_from_old[:3, 3]
-    out = np.array(camera_from_world)
-    out[:, :3, :3] = camera_from_world[:, :3, :3] @ rotation.T
-    out[:, :3, 3] = scale * camera_from_world[:, :3, 3] - out[:, :3, :3] @ shift
-    return out

@@ -18,5 +18,7 @@ from gsut.data.poses.transforms import (
     find_centers,
     interpolate_between,
     invert_pose,
+    move_poses,
     pose_from_quaternion,
+    split_similarity,
 )

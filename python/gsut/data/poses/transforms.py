@@ -140,6 +140,22 @@ def find_centers(camera_from_world: np.ndarray) -> np.ndarray:
     return -np.einsum("nji,nj->ni", camera_from_world[:, :3, :3], camera_from_world[:, :3, 3])
 
 
+def move_poses(
+    camera_from_world: np.ndarray, scale: float, rotation: np.ndarray, shift: np.ndarray
+) -> np.ndarray:
+    """Carries poses (..., 4, 4) to the world scale rotation x + shift; they stay rigid."""
+    moved = np.array(camera_from_world)
+    moved[..., :3, :3] = camera_from_world[..., :3, :3] @ rotation.T
+    moved[..., :3, 3] = scale * camera_from_world[..., :3, 3] - moved[..., :3, :3] @ shift
+    return moved
+
+
+def split_similarity(matrix: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+    """Splits a similarity (4, 4) into scale, rotation (3, 3) and shift (3,)."""
+    scale = float(np.cbrt(np.linalg.det(matrix[:3, :3])))
+    return scale, matrix[:3, :3] / scale, matrix[:3, 3]
+
+
 def interpolate_between(one: np.ndarray, two: np.ndarray, share: float) -> np.ndarray:
     """Interpolates two poses: the origin along the line, the rotation along the shorter arc."""
     if share == 0.0:

@@ -14,7 +14,7 @@ import numpy as np
 from gsut._core import InputError, SolveError
 from gsut.bounds import name_wrong_kinds
 from gsut.data import Scene
-from gsut.data.poses import find_centers
+from gsut.data.poses import find_centers, move_poses
 from gsut.gaussians import Gaussians, transform_gaussians
 from gsut.refine.photograph import localize
 
@@ -63,12 +63,7 @@ class CaptureAlignment:
 
     def move_pose(self, camera_from_world: np.ndarray) -> np.ndarray:
         """Returns a pose (4, 4) in the other frame."""
-        rotation = camera_from_world[:3, :3] @ self.rotation.T
-        (center,) = find_centers(camera_from_world[None])
-        moved = np.eye(4)
-        moved[:3, :3] = rotation
-        moved[:3, 3] = -rotation @ (self.scale * self.rotation @ center + self.shift)
-        return moved
+        return move_poses(camera_from_world, self.scale, self.rotation, self.shift)
 
 
 @name_wrong_kinds

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from gsut.data.poses import find_centers
+from gsut.data.poses import find_centers, move_poses
 from gsut.gaussians import rotate_upright
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.solution import Solution, similarity_from_points
@@ -147,10 +147,7 @@ def find_stated_up(figures: dict[str, Any]) -> tuple[float, float, float] | None
 def move_to_earth(solution: Solution, earth: Earth) -> Solution:
     """Moves a solution to the world of the earth."""
     scale, rotation = earth.scale, earth.rotation
-    poses = solution.camera_from_world.copy()
-    turned = solution.camera_from_world[:, :3, :3] @ rotation.T
-    poses[:, :3, :3] = turned
-    poses[:, :3, 3] = scale * solution.camera_from_world[:, :3, 3] - turned @ earth.translation
+    poses = move_poses(solution.camera_from_world, scale, rotation, earth.translation)
     poses[~solution.registered] = np.eye(4)
     change = np.eye(6)  # of centres in the world; turns are in the camera's frame
     change[:3, :3] = scale * rotation
