@@ -34,12 +34,14 @@ class Explanation:
     Args:
         hypothesis, variant: what is supposed.
         score, gain: nats a match, means over the groups of images.
+        is_sure: it shows beyond doubt that what is given is wrong.
     """
 
     hypothesis: Hypothesis
     variant: Variant
     score: float
     gain: float
+    is_sure: bool
 
     @property
     def is_large(self) -> bool:
@@ -78,7 +80,10 @@ def check_photographs(scene: Scene, evidence: Evidence | None) -> list[Finding]:
 
 
 def find_explanation(evidence: Evidence, is_poor: bool) -> Explanation | None:
-    """Finds the hypothesis that explains the photographs best; of those alike the likelier."""
+    """Finds the hypothesis that explains the photographs best; of those alike the likelier.
+
+    None where no hypothesis is sure. Where one is, another that explains more is named.
+    """
     given, found = evidence.given, []
     current, structure = evidence.score(given), evidence.make_structure(given)
     for row, variant in find_best_variants(HYPOTHESES, given, evidence.sample.score, is_poor):
@@ -86,16 +91,21 @@ def find_explanation(evidence: Evidence, is_poor: bool) -> Explanation | None:
         scores = evidence.score(variant.data)
         wins = prefer(structure, rival, evidence.matches).is_rival
         explains = evidence.find_share(variant.data) > _POOR
-        if explains and _is_sure(current, scores, wins, row):
+        better, is_sure = _compare_scores(current, scores, wins, row)
+        if explains and better:
             gain = float(np.mean(scores - current))
-            found.append(Explanation(row, variant, float(np.mean(scores)), gain))
-    most = max((each.gain for each in found), default=0.0)
+            found.append(Explanation(row, variant, float(np.mean(scores)), gain, is_sure))
+    if not any(each.is_sure for each in found):
+        return None
+    most = max(each.gain for each in found)
     alike = [each for each in found if each.gain >= _ALIKE * most]
-    return min(alike, key=lambda each: HYPOTHESES.index(each.hypothesis), default=None)
+    return min(alike, key=lambda each: HYPOTHESES.index(each.hypothesis))
 
 
-def _is_sure(current: np.ndarray, rival: np.ndarray, wins: bool, row: Hypothesis) -> bool:
-    """Returns whether a rival is better beyond chance, or plainly: all images say so.
+def _compare_scores(
+    current: np.ndarray, rival: np.ndarray, wins: bool, row: Hypothesis
+) -> tuple[bool, bool]:
+    """Returns whether a rival is better, beyond chance or plainly: all images say so; and surely.
 
     Args:
         current, rival: scores (G,) of the groups of images.
@@ -105,14 +115,12 @@ def _is_sure(current: np.ndarray, rival: np.ndarray, wins: bool, row: Hypothesis
     gains = rival - current
     touched = np.abs(gains) > _SAME
     if not touched.any():
-        return False
+        return False, False
     gain, score = float(gains[touched].mean()), float(rival[touched].mean())
     everywhere = bool(np.all(gains[touched] > 0))
     plain = everywhere and min(gain, score / 2) > _PLAIN
-    least = _PLAIN if row.is_gross else _LEAST_GAIN
-    if row.is_everywhere and not everywhere:
-        least = _PLAIN
-    return gain > least and (wins or plain)
+    better = gain > (_PLAIN if row.is_gross else _LEAST_GAIN) and (wins or plain)
+    return better, better and (everywhere or not row.is_everywhere or gain > _PLAIN)
 
 
 def _name_explanation(evidence: Evidence, share: float, found: Explanation) -> Finding:

@@ -81,7 +81,7 @@ class Hypothesis:
         suppose: yields what may have been meant; may climb by the rating that it gets.
         is_gross: if it is so, the given dataset explains little.
         is_everywhere: if it is so, every group of images that it touches fits better by it; where
-            some do not, it must explain much.
+            some do not, only much that it explains shows it, or another hypothesis.
         free: number of the numbers that it estimates.
     """
 
