@@ -18,7 +18,7 @@ _TURNS = {3: 2, 4: 2, 5: 1, 6: 1, 7: 3, 8: 3}
 ORIENTATIONS = (1, 6, 3, 8)
 # Orientations of pictures whose pixels are mirrored: that of the same pixels, mirrored left-right.
 UNMIRRORED = {2: 1, 4: 3, 5: 8, 7: 6}
-_TAG = 0x0112
+ORIENTATION_TAG = 0x0112  # of EXIF
 _SHORT = 3  # TIFF's type of two bytes
 EXIF_HEADER = b"Exif\0\0"
 _PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
@@ -37,7 +37,7 @@ def read_orientation(tiff: bytes) -> int:
     exif = Image.Exif()
     try:
         exif.load(tiff)
-        value = exif.get(_TAG, 1)
+        value = exif.get(ORIENTATION_TAG, 1)
     except (LookupError, OSError, SyntaxError, TypeError, ValueError, struct.error):
         return 1
     return int(value) if value in range(1, 9) else 1
@@ -52,7 +52,7 @@ def add_orientation(data: bytes, turns: int) -> bytes:
     """
     if not turns % 4:
         return data
-    entry = struct.pack("<HHIHH", _TAG, _SHORT, 1, ORIENTATIONS[turns % 4], 0)
+    entry = struct.pack("<HHIHH", ORIENTATION_TAG, _SHORT, 1, ORIENTATIONS[turns % 4], 0)
     tiff = b"II*\0" + struct.pack("<IH", 8, 1) + entry + bytes(4)
     if data.startswith(_PNG_SIGNATURE):
         chunk = b"eXIf" + tiff

@@ -14,10 +14,9 @@ from gsut.capture.focal import FocalStatement, find_focal_prior
 from gsut.capture.xmp import find_up, read_gimbal_angles
 from gsut.data.images import read_header
 from gsut.files import FileError, check_regular, find_kind, open_image, register_reader
+from gsut.orientation import ORIENTATION_TAG
 
 _MILLIMETRES = {2: 25.4, 3: 10.0, 4: 1.0, 5: 1e-3}  # of FocalPlaneResolutionUnit
-# EXIF tag of the orientation.
-_ORIENTATION = 0x0112
 # EXIF tag of the directory with exposure and lens.
 _DETAILS = 0x8769
 # EXIF tag of the directory with the place.
@@ -54,7 +53,7 @@ def read_facts(path: Path) -> PhotographFacts:
             exif = image.getexif()
             tags = dict(exif)
             if image.format == "TIFF" and not is_raw:  # decoders turn its pixels upright
-                tags.pop(_ORIENTATION, None)
+                tags.pop(ORIENTATION_TAG, None)
             return _Reading(tags, exif, image.info.get("xmp")).to_facts(path, size, mode)
     except FileError as error:
         if is_raw and size is not None:
@@ -108,7 +107,7 @@ class _Reading:
 
     def to_facts(self, path: Path, size: tuple[int, int], mode: str) -> PhotographFacts:
         """Returns the record of a photograph whose stored pixels have this size."""
-        orientation = self._tags.get(_ORIENTATION, 1)
+        orientation = self._tags.get(ORIENTATION_TAG, 1)
         if orientation not in range(1, 9):
             orientation = 1
         stated = self._read_focal()

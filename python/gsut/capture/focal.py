@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 
+from gsut.judge import SURE
 from gsut.lens import FocalPrior
 
 # Diagonal in mm of the 36 x 24 mm frame that "35 mm equivalent" refers to.
@@ -23,8 +24,6 @@ _CROPPED = 0.15
 SAME_SHAPE = 0.01
 # Aspect ratio from which a picture was cropped: sensors of photographs are 4:3 or 3:2.
 _WIDE = 1.6
-# Standard deviations between two statements of one camera beyond which they contradict each other.
-_CONTRADICTS = 3.0
 # Focal lengths over the longer side of the picture that no camera exceeds.
 _RANGE = 0.12, 60.0
 
@@ -84,7 +83,7 @@ def find_focal_prior(
         return (likely[0] if likely else None), notes
     first, second = likely
     gap = abs(math.log(first.px / second.px))
-    if gap <= _CONTRADICTS * math.hypot(first.sigma, second.sigma):
+    if gap <= SURE * math.hypot(first.sigma, second.sigma):
         return min(likely, key=lambda prior: prior.sigma), notes
     notes.append(
         f"EXIF contradicts itself: a focal length of {first.px:.0f} px by the sensor's pixels, "

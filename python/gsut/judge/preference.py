@@ -21,7 +21,7 @@ from gsut.significance import convert_to_normal
 # limit of all choices.
 SURE = 3.0
 _ROUNDS = 20  # of expectation and maximization, which settle in about ten
-_MEDIAN_DEVIATION = 1.4826  # standard deviation of a normal law, in median absolute deviations
+MEDIAN_DEVIATION = 1.4826  # standard deviation of a normal law, in median absolute deviations
 LEAST_NOISE = 0.01  # pixels: no feature is found better
 
 
@@ -180,5 +180,5 @@ def _measure_spread(gains: np.ndarray, images: np.ndarray) -> tuple[np.ndarray, 
     if len(by_image) < 2:
         return by_image, math.inf
     rates = by_image * (matches.mean() / matches)
-    spread = _MEDIAN_DEVIATION * float(np.median(np.abs(rates - np.median(rates))))
+    spread = MEDIAN_DEVIATION * float(np.median(np.abs(rates - np.median(rates))))
     return by_image, math.sqrt(len(by_image) * (spread**2 + 1))

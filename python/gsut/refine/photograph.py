@@ -16,7 +16,7 @@ from gsut.gaussians import Gaussians
 from gsut.lens import Camera, load_lens
 from gsut.refine.localization import Localized, localize_image
 from gsut.refine.pose import SMALLEST_SIDE
-from gsut.refine.query import list_likely_shutters
+from gsut.sfm.shutter import list_likely_shutters
 
 _Photograph = str | os.PathLike[str] | np.ndarray
 

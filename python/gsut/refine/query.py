@@ -27,6 +27,7 @@ from gsut.refine.pose import (
     make_refined_pose,
 )
 from gsut.refine.secants import SecantPose
+from gsut.sfm.shutter import list_likely_shutters
 
 # Standard deviations grow by this power of the share of the photograph that counts, as fewer parts
 # of the scene are averaged.
@@ -47,8 +48,6 @@ _MOTION_SUSPECTED = 3.5
 # Square of the motion itself from which it is beyond doubt: scenes err by several standard
 # deviations here and there.
 _MOTION_CLEAR = 30.0
-# Ratio of a picture's sides from which it shows how the sensor was held.
-_OBLONG = 1.2
 
 
 @dataclasses.dataclass(frozen=True)
@@ -173,16 +172,3 @@ class Query:
     def _measure_shift_by_motion(self, fine: SecantPose, shutter: Shutter) -> np.ndarray:
         """Measures (6,) how far the pose would move if the shutter were rolling."""
         return estimate_step(fine.rows, fine.rows.stack_slopes(shutter))[:6]
-
-
-def list_likely_shutters(camera: Any) -> list[Shutter]:
-    """Lists shutters whose lines run along the longer side, or both ways if neither is longer.
-
-    Of each pair that only differ by the order of the lines one stands for both: the motion has a
-    sign.
-    """
-    both = [Shutter("top_to_bottom"), Shutter("left_to_right")]
-    width, height = camera.width, camera.height
-    if max(width, height) < _OBLONG * min(width, height):
-        return both
-    return both[:1] if width > height else both[1:]

@@ -7,11 +7,11 @@ import math
 
 from gsut.judge.checks.check import DIAGONAL, GOOD_PX, USABLE_PX, Check, judge
 from gsut.judge.checks.pictures import PICTURE_CHECKS, PictureQuality
+from gsut.judge.preference import MEDIAN_DEVIATION
 from gsut.run import Verdict
 
 # Relative error of the focal length that shifts a picture by GOOD_PX (root mean square).
 FOCAL_LIMIT = 0.02
-_PROBABLE = 0.6745  # standard deviations that an error exceeds as often as not
 # Share of the verified matches that observe one point, below which a given lens is doubted: the
 # right one mostly has more, and a wrong one leaves a third; and below which poses are poor.
 _FEW_AGREE = 0.4
@@ -76,7 +76,7 @@ class PosesQuality(PictureQuality):
     @property
     def lens_px(self) -> float:
         """Returns by how many pixels the probable error of the focal length shifts a picture."""
-        return convert_focal_error(_PROBABLE * (self.focal_sigma or 0.0))
+        return convert_focal_error((self.focal_sigma or 0.0) / MEDIAN_DEVIATION)
 
     @property
     def error_px(self) -> float:

@@ -28,7 +28,7 @@ _ROUNDS = 6
 # Radians: pictures and sensors measure a turn no better.
 _LEAST_SIGMA = 1e-4
 # Standard deviations beyond which a turn is taken for a wrong pose.
-_WRONG = 5.0
+WRONG = 5.0
 # Median of the squared length of three normal numbers of variance 1.
 _MEDIAN_SQUARE = 2.366
 
@@ -115,7 +115,7 @@ def calibrate_turns(
         scale = float(change[3])
         axes = np.asarray(exp_pose([0, 0, 0, *change[4:7]]))[:3, :3] @ axes
         offset += float(change[7])
-    used = known & (np.sum(left**2, axis=1) < (_WRONG * sigma) ** 2 * 3)
+    used = known & (np.sum(left**2, axis=1) < (WRONG * sigma) ** 2 * 3)
     total = float(np.sum(vectors[used] ** 2))
     return TurnCalibration(
         recorded, by_unknowns, used, bias, 1 / (1 + scale), axes, offset,

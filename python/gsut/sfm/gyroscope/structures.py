@@ -8,7 +8,7 @@ import numpy as np
 
 from gsut._core import SolveError
 from gsut.gaussians import measure_rotation_angles
-from gsut.sfm.gyroscope.calibration import TurnCalibration
+from gsut.sfm.gyroscope.calibration import WRONG, TurnCalibration
 from gsut.sfm.gyroscope.evidence import (
     calibrate_best,
     hold_near_record,
@@ -19,9 +19,6 @@ from gsut.sfm.gyroscope.evidence import (
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import LARGEST_OFFSET
 from gsut.sfm.solution import Adjustment, Solution, compare_solutions, solve_poses
-
-# Standard deviations of a turn from which a pair of images is contradicted.
-_WRONG = 5.0
 
 
 def correct_by_turns(mapping: Mapping) -> Mapping:
@@ -54,7 +51,7 @@ def _leave_out_contradicted(mapping: Mapping, turns: TurnCalibration) -> Mapping
     apart = times[[(pair.first, pair.second) for pair in before]]
     rotations = np.array([pair.second_from_first[:3, :3] for pair in before])
     off = measure_rotation_angles(rotations @ turns.find_turns(apart).transpose(0, 2, 1))
-    wrong = off > np.maximum(_WRONG * turns.estimate_sigmas(apart), LARGEST_OFFSET)
+    wrong = off > np.maximum(WRONG * turns.estimate_sigmas(apart), LARGEST_OFFSET)
     if not wrong.any():
         return mapping
     kept = [pair for pair, is_wrong in zip(before, wrong, strict=True) if not is_wrong]

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from gsut.sfm.learned.weights import Weights
+from gsut.sfm.learned.weights import VARIANCE_FLOOR, Weights
 from gsut.sfm.photographs import Features
 
 MOST_MATCHED = 1000  # features of a picture, the best: the cost grows with the square
@@ -18,7 +18,6 @@ _LAYERS = 6
 _CHANNELS = 96
 _VALUES = 64  # of a descriptor, whose positive and negative parts features hold
 _LEAST_CERTAINTY = 0.1  # of a match: the probability at which the authors cut
-_VARIANCE_FLOOR = 1e-5  # added to the variance by torch's layer normalization
 # Rows and columns of a block of a product: of so few, OpenBLAS uses one thread up to _CHANNELS * 2
 # inner terms, and so gives the same bits on any number.
 _BLOCK = 36
@@ -103,7 +102,7 @@ def _add_message(weights: Weights, x: np.ndarray, message: np.ndarray, name: str
     """Adds to features (N, 96) what two layers make of them and a message."""
     hidden = _apply(weights, np.concatenate([x, message], axis=1), f"{name}.ffn.0")
     hidden -= hidden.mean(axis=1, keepdims=True)
-    hidden /= np.sqrt(hidden.var(axis=1, keepdims=True) + _VARIANCE_FLOOR)
+    hidden /= np.sqrt(hidden.var(axis=1, keepdims=True) + VARIANCE_FLOOR)
     scale, bias = weights.read(f"{name}.ffn.1", 1)[:, 0], weights.read_bias(f"{name}.ffn.1")
     hidden = hidden * scale + bias
     hidden *= 0.5 * (1 + _compute_erf(hidden * np.float32(math.sqrt(0.5))))

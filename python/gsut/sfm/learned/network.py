@@ -10,11 +10,10 @@ import dataclasses
 
 import numpy as np
 
-from gsut.sfm.learned.weights import Weights
+from gsut.sfm.learned.weights import VARIANCE_FLOOR, Weights
 
 CELL = 8  # pixels of a cell of the maps
 MULTIPLE = 32  # of which the sides of a picture are multiples: the coarsest level has one cell each
-_VARIANCE_FLOOR = 1e-5  # added to the variance of a picture's grey values
 # Multiplications up to which OpenBLAS uses one thread, and so gives the same bits on any number.
 _ALONE = 2**18
 
@@ -56,7 +55,7 @@ def run_network(weights: Weights, picture: np.ndarray) -> Maps:
         return _convolve(x, *weights.read_layer(name, len(x)), 1)
 
     grey = picture.astype(np.float32).mean(axis=2)
-    grey = (grey - grey.mean()) / np.sqrt(grey.var() + _VARIANCE_FLOOR)
+    grey = (grey - grey.mean()) / np.sqrt(grey.var() + VARIANCE_FLOOR)
     quarter = _split_cells(grey, 4).mean(axis=0)[None]
     fine = apply(grey[None], "block1", (1, 2, 1, 2)) + apply_last(quarter, "skip1.1")
     eighth = apply(apply(fine, "block2", (1, 1)), "block3", (2, 1, 1))

@@ -23,7 +23,7 @@ _SHA256 = {  # of version 0.1.4
     MATCHER: "766102df37f11189efe5b0811d1f47c72b22629b79bfabfcfff9d2a2f84654b8",
 }
 _PREFIX = "matcher."  # of the names of the matcher's own tensors, in its file
-_VARIANCE_FLOOR = 1e-5  # added to the variance by torch's batch normalization
+VARIANCE_FLOOR = 1e-5  # added to a variance by torch's normalizations
 
 
 class Weights:
@@ -47,7 +47,7 @@ class Weights:
             bias = self._tensors[f"{name}.bias"]
             return self._shape(f"{name}.weight", len(bias), inputs), bias
         mean = self._tensors[f"{name}.layer.1.running_mean"]
-        scale = 1 / np.sqrt(self._tensors[f"{name}.layer.1.running_var"] + _VARIANCE_FLOOR)
+        scale = 1 / np.sqrt(self._tensors[f"{name}.layer.1.running_var"] + VARIANCE_FLOOR)
         kernels = self._shape(f"{name}.layer.0.weight", len(mean), inputs)
         return kernels * scale[:, None, None, None], -mean * scale
 

@@ -11,6 +11,7 @@ from gsut import _core
 from gsut._core import SolveError
 from gsut.lens import Camera
 from gsut.sfm.lens.candidates import list_lens_ladder, make_lens
+from gsut.sfm.lens.ranking import ROUGH
 from gsut.sfm.lens.search import ADVICE, START, choose_lens, search_lens
 from gsut.sfm.lens.sightings import Sightings, gather_sightings
 from gsut.sfm.mapping import Mapping
@@ -23,7 +24,6 @@ _MOST_TRIED = 10  # images that show which lens their camera has
 _FITS = 0.5  # share of the matches that must agree with points through such a lens
 # Degrees across of cameras that state no focal length: short zooms, phones, wide angles.
 _GUESSED_FIELDS = (45.0, 60.0, 75.0)
-_ROUGH = 3.0  # on the largest error of a trial, which may lie between two lenses
 
 
 def search_lenses(mapping: Mapping) -> Mapping:
@@ -172,5 +172,5 @@ def _count_fitting(mapping: Mapping, lens: Camera, seen: Sightings) -> int:
     bearings = _core.ImageBearings(lens, pixels)
     rows = np.flatnonzero(bearings.valid)
     options = mapping.options
-    max_error = _ROUGH * options.max_error * math.hypot(lens.width, lens.height) / 1000
+    max_error = ROUGH * options.max_error * math.hypot(lens.width, lens.height) / 1000
     return int(_core.absolute_pose(bearings, rows, points[rows], max_error, options.seed)[1].sum())

@@ -20,6 +20,7 @@ _QUICK_MATCHES = 100  # of a pair, in the first look
 _CLOSER = 6  # lenses that get a closer look
 _FAVOUR = 1.02  # factor on the share of a lens that the database or EXIF suggests
 _ENOUGH_MATCHES = 300  # of a pair, beyond which more do not count
+ROUGH = 3.0  # factor on the largest error where a lens or a shutter is only nearly right
 # Spread of a pair's displacements over the extent of its features, beyond which more is no better:
 # pairs that move constrain a lens more than pairs with many matches.
 _ENOUGH_SPREAD = 0.06

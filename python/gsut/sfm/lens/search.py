@@ -10,7 +10,7 @@ import numpy as np
 from gsut._core import SolveError
 from gsut.lens import Camera, convert_camera
 from gsut.sfm.lens.candidates import explain_implausible, list_lens_ladder
-from gsut.sfm.lens.ranking import LensRanking, RankedLens
+from gsut.sfm.lens.ranking import ROUGH, LensRanking, RankedLens
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import (
     PairMatches,
@@ -38,8 +38,6 @@ _CONFIRMED = 0.5e-3
 _VERIFY_AGAIN = 0.03  # relative change of the focal length after which matches are verified again
 _PERSPECTIVE_UP_TO = math.radians(50.0)  # from the axis
 ADVICE = "give a rough field of view by --fov, or a lens by --camera"
-# Factor on the largest error of pairs where a global shutter stands in for a rolling one.
-_ROLLING_PAIRS = 3.0
 
 
 def search_lens(mapping: Mapping) -> Mapping:
@@ -84,7 +82,7 @@ def choose_lens(mapping: Mapping) -> tuple[Camera, np.ndarray, list[PairMatches]
     """
     first, raw, log = mapping.photographs.lenses[0], mapping.raw, mapping.log
     trials = _Trials(mapping)
-    factor = 1.0 if mapping.shutter is None else _ROLLING_PAIRS
+    factor = 1.0 if mapping.shutter is None else ROUGH
     ranking = LensRanking(mapping.features, raw, mapping.options, factor)
     ladder = list_lens_ladder(first.width, first.height, mapping.options.fov)
     ranked = ranking.rank_lenses(

@@ -18,12 +18,11 @@ from gsut.judge import (
 )
 from gsut.lens import Camera
 from gsut.sfm.lens.candidates import explain_implausible, list_lens_ladder
-from gsut.sfm.lens.ranking import MATCHES, QUICK_PAIRS, choose_informative_pairs
+from gsut.sfm.lens.ranking import MATCHES, QUICK_PAIRS, ROUGH, choose_informative_pairs
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import ALL_SAME
 
 _TRIED = 3  # lenses, through which rotations explain most, that are adjusted
-_TURN_ERROR = 3.0  # factor on the largest error where a lens is only nearly right
 _MOSTLY = 0.35  # share of a pair's matches, below which no lens near makes a rotation of its motion
 # Share of what poses explain that rotations must: where the camera moved, at most a third.
 _EXPLAINED = 0.75
@@ -136,7 +135,7 @@ def _try_lenses(
     ladder += [c for c in mapping.photographs.candidates if c.model == ladder[0].model]
     lenses = [[lens] * count for lens in ladder]
     few = sample.take(QUICK_PAIRS)
-    looks = [_explain_by_poses(few, each, _TURN_ERROR * limit) for each in lenses]
+    looks = [_explain_by_poses(few, each, ROUGH * limit) for each in lenses]
     agree = np.array([np.count_nonzero(look.agree) for look in looks])
     shares = np.array([look.turned for look in looks]) / np.maximum(agree, 1)
     order = np.argsort(-shares, kind="stable")
@@ -314,7 +313,7 @@ def _fit_lens(sample: _Sample, lenses: Sequence[Camera], limit: float) -> Camera
     """Adjusts a Kannala-Brandt lens so that rotations explain matches best."""
     start = lenses[0]
     diagonal = math.hypot(start.width, start.height)
-    found = _explain_by_poses(sample, lenses, _TURN_ERROR * limit)
+    found = _explain_by_poses(sample, lenses, ROUGH * limit)
 
     def change(x: np.ndarray) -> Camera:
         params = np.array(start.params)
@@ -329,7 +328,7 @@ def _fit_lens(sample: _Sample, lenses: Sequence[Camera], limit: float) -> Camera
 
     x = np.zeros(len(_LENS_SIGMAS))
     for number in range(_ROUNDS):
-        error = limit * (_TURN_ERROR if number < 2 else 1.0)
+        error = limit * (ROUGH if number < 2 else 1.0)
         _, base, weights = measure(x, error)
         steps = _STEP * np.eye(len(x))
         slopes = [(measure(x + step, error)[1] - base).ravel() / _STEP for step in steps]

@@ -9,6 +9,7 @@ import numpy as np
 from gsut import _core
 from gsut._core import SolveError
 from gsut.data import list_some
+from gsut.judge import SURE
 from gsut.judge.checks import PICTURE_CHECKS, PictureQuality, find_faults
 from gsut.sfm.matches.matching import BATCH, OnPairs, PairMatches, RawMatches
 from gsut.sfm.photographs import Features, Images, PosesOptions
@@ -28,9 +29,6 @@ _DARK = 25  # mean grey value of the features of an underexposed picture, of 255
 _BRIGHT = 235  # mean grey value of the features of an overexposed picture, of 255
 _FEW_FEATURES = 500  # of a picture that is blurred, dark or without texture
 _FEWEST_MATCHES = 20  # verified, of a pair that is used
-# Standard deviations of chance by which more matches must agree with a pose than of the others with
-# another one, where features are learned.
-_CLEARLY = 3.0
 # Factor on the largest errors under a rolling shutter, until velocities are estimated.
 ROLLING_ERROR = 12.0
 ALL_SAME = (
@@ -79,7 +77,7 @@ def verify_matches(
             batch, found, most, verified, strict=True
         ):
             count = int(inliers.sum())
-            is_clear = count - rival > _CLEARLY * np.sqrt(count + rival)
+            is_clear = count - rival > SURE * np.sqrt(count + rival)
             if ok and count >= _FEWEST_MATCHES and is_clear:
                 result.append(
                     PairMatches(int(a), int(b), matches[inliers], pose, rotation, parallax)

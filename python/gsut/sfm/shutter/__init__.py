@@ -7,4 +7,5 @@ from gsut.sfm.shutter.video import (
     find_line_order,
     find_shutter,
     is_probably_rolling,
+    list_likely_shutters,
 )

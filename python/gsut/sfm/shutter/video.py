@@ -185,9 +185,8 @@ def _find_order_by_matches(mapping: Mapping, rates: np.ndarray) -> LineOrder | N
     def adjust(shutter: Shutter | None) -> Solution:
         return _adjust_trial(mapping, trial, rates, shutter, _TRIED)
 
-    ways = [Shutter(direction) for direction in _list_directions(camera)]
     try:
-        found = find_better_order(adjust, mapping.features, pairs, ways)
+        found = find_better_order(adjust, mapping.features, pairs, list_likely_shutters(camera))
     except SolveError:
         return None
     if found is None:
@@ -244,8 +243,8 @@ def find_line_order(
     number = int(of_image.max()) + 1
     trials = [
         estimate(ways, [1.0] * number)
-        for direction in _list_directions(solution.cameras[0])
-        for ways in _list_ways(direction, number)
+        for forward in list_likely_shutters(solution.cameras[0])
+        for ways in _list_ways(forward, number)
     ]
     best = max(trials, key=lambda each: each.found.clearness)
     if number > 1:
@@ -284,9 +283,8 @@ class _Trial:
         return LineOrder(first, turned[0], lines)
 
 
-def _list_ways(direction: str, lenses: int) -> list[list[Shutter]]:
+def _list_ways(forward: Shutter, lenses: int) -> list[list[Shutter]]:
     """Lists how the lenses may read their lines: all alike, or every other one backwards."""
-    forward = Shutter(direction)
     alike = [forward] * lenses
     if lenses == 1:
         return [alike]
@@ -330,9 +328,14 @@ def _has_enough_motion(time: float, flows: dict[str, np.ndarray], width: int, he
     return moved >= _MATTERS * math.hypot(width, height)
 
 
-def _list_directions(camera: Camera) -> list[str]:
-    """Lists the orders of lines to try: along the longer side, where one is longer."""
-    both = ["top_to_bottom", "left_to_right"]
-    if max(camera.width, camera.height) < _OBLONG * min(camera.width, camera.height):
+def list_likely_shutters(camera: Camera) -> list[Shutter]:
+    """Lists shutters whose lines run along the longer side, or both ways if neither is longer.
+
+    Of each pair that only differ by the order of the lines one stands for both: the motion has a
+    sign.
+    """
+    both = [Shutter("top_to_bottom"), Shutter("left_to_right")]
+    width, height = camera.width, camera.height
+    if max(width, height) < _OBLONG * min(width, height):
         return both
-    return both[:1] if camera.width > camera.height else both[1:]
+    return both[:1] if width > height else both[1:]

@@ -27,7 +27,8 @@ from gsut.sfm.solution.result import Solution
 _MOST_ANGLE = np.radians(6.0)  # between the rays of two images to a point
 _MOST_DISTANCE_RATIO = 1.2  # of two images to a point
 _MARGIN = 0.04  # of the image's sides, where features are often missed
-_MOST_MOVED = 0.25  # of the farthest point's distance: beyond it no two images are that near
+# Of the farthest point's distance, beyond which no two images are that near: law of cosines.
+_MOST_MOVED = np.sqrt(1 + _MOST_DISTANCE_RATIO**2 - 2 * _MOST_DISTANCE_RATIO * np.cos(_MOST_ANGLE))
 _GROUP_SIZE = 4  # an image with those that share most points with it
 _SEEN_BY = 3  # images of one group that must see a point, and of the other that may
 _MOST_POINTS = 20_000  # compared in all: enough for shares to a percent

@@ -12,6 +12,7 @@ import numpy as np
 from gsut import _core
 from gsut._core import InputError
 from gsut.data.poses import find_centers
+from gsut.judge import SURE
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import PairMatches
 from gsut.sfm.photographs import DESCRIPTOR_LENGTH, Features
@@ -36,7 +37,6 @@ _ORIGIN_STEP = 1000.0
 _UPSIDE_DOWN = -0.5
 # Times as close as control points fit with x and y exchanged, before they are taken for exchanged.
 _MUCH_CLOSER = 3.0
-_DOUBTFUL = 3.0  # standard deviations of a control point beyond which it is named
 _ROUNDS = 5  # of a point's triangulation, whose distances settle in two or three
 
 
@@ -233,11 +233,11 @@ def _describe(
             f"{len(own)} {use} point(s) are {np.sqrt((off**2).mean()):.3g} m (rms) from where "
             f"{path} says, {worst} the farthest by {off.max():.3g} m"
         )
-        limits = _DOUBTFUL * np.sqrt(3) * np.array([row["sigma"] for row in own])
+        limits = SURE * np.sqrt(3) * np.array([row["sigma"] for row in own])
         far = [row["name"] for row, is_far in zip(own, off > limits, strict=True) if is_far]
         if use == "control" and far:
             sentences.append(
-                f"{', '.join(far)}: more than {_DOUBTFUL:g} standard "
+                f"{', '.join(far)}: more than {SURE:g} standard "
                 "deviations off; check coordinates and pixels"
             )
     if not is_adjusted:

@@ -8,14 +8,13 @@ import numpy as np
 
 from gsut import _core
 from gsut.data import Scene
+from gsut.judge import SURE
 from gsut.render import Falloff, compute_field_angles
 
 # Rings of equal field angle that a photograph is divided into: enough for two even powers.
 RINGS = 8
 # Quarters of the picture that each ring is divided into, to measure disagreement.
 QUADRANTS = 4
-# Standard errors that errors of the scene may explain.
-DISAGREE = 3.0
 # Relative difference of rings from their mean below which a lens has no falloff.
 _FALLOFF_DIFFERS = 0.05
 # Share of all visible pixels below which a ring is not judged.
@@ -97,4 +96,4 @@ def is_falloff_certain(tc: np.ndarray, cc: np.ndarray) -> bool:
     mean = tc.sum() / cc.sum()
     seen = of_ring > _FEWEST_SHOWN * of_ring.sum()
     apart = np.abs(level / mean - 1.0)
-    return bool((seen & (apart > np.maximum(_FALLOFF_DIFFERS, DISAGREE * errors / mean))).any())
+    return bool((seen & (apart > np.maximum(_FALLOFF_DIFFERS, SURE * errors / mean))).any())

@@ -20,6 +20,7 @@ import numpy as np
 from gsut import _core
 from gsut.data import Scene
 from gsut.data.scene import Level
+from gsut.judge import SURE
 from gsut.render import (
     Falloff,
     Light,
@@ -27,7 +28,6 @@ from gsut.render import (
 )
 from gsut.run import TrainOptions
 from gsut.training.photograph.falloff_fit import (
-    DISAGREE,
     QUADRANTS,
     RINGS,
     average_basis,
@@ -187,7 +187,7 @@ class PhotographModel:
             alone = np.sqrt(np.mean(np.sum(a**2, axis=1)) * np.mean(np.sum(b**2, axis=1)))
             chance = np.arctanh(min(both / alone, 1 - 1e-12)) * np.sqrt(len(twice) - 3)
             noise = np.mean(np.sum(part(errors) ** 2, axis=(1, 2)))
-            if chance > _CHANCE and both > DISAGREE**2 * noise:
+            if chance > _CHANCE and both > SURE**2 * noise:
                 found.append(float(np.sqrt(both - noise)))
         return max(found)
 
