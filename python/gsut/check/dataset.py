@@ -59,22 +59,19 @@ def check_against_photographs(
     return [*findings, *check_colors(scene, progress=False)]
 
 
-def diagnose(
-    path: str | os.PathLike, *, test_every: int = TEST_EVERY, progress: bool = True
-) -> list[Finding]:
+def diagnose(path: str | os.PathLike, *, progress: bool = True) -> list[Finding]:
     """Checks a dataset's files, sizes, poses, images, lenses and points, each on its own.
 
     Continues after errors. Unlike `doctor`, it does not compare poses with photographs.
 
     Args:
         path: the dataset's folder or its transforms.json.
-        test_every: hold out every n-th image by name, 0 for none.
         progress: show bars while images are decoded.
 
     Returns:
         Findings, errors first. Training can start if none has severity "error".
     """
-    return _diagnose_files(path, test_every, progress, with_far_pose=True)
+    return _diagnose_files(path, TEST_EVERY, progress, with_far_pose=True)
 
 
 def _diagnose_files(

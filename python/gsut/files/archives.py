@@ -128,9 +128,7 @@ def is_plain_name(name: str) -> bool:
     return name.isprintable() and parts[0] != "" and ".." not in parts and ":" not in parts[0]
 
 
-def unpack_gzip(
-    content: bytes, where: object, most_bytes: int, *, fails: Fails = FileError
-) -> bytes:
+def unpack_gzip(content: bytes, where: object, most_bytes: int) -> bytes:
     """Unpacks gzip data piece by piece.
 
     Raises:
@@ -142,20 +140,18 @@ def unpack_gzip(
         try:
             piece = engine.decompress(rest, _PIECE)
         except zlib.error as error:
-            raise fails(where, f"its packed data is damaged ({error})", _DAMAGED) from None
+            raise FileError(where, f"its packed data is damaged ({error})", _DAMAGED) from None
         total, rest = total + len(piece), engine.unconsumed_tail
         if total > most_bytes:
-            raise fails(where, f"would unpack to more than {most_bytes:,} bytes", _DAMAGED)
+            raise FileError(where, f"would unpack to more than {most_bytes:,} bytes", _DAMAGED)
         if not piece and not rest and not engine.eof:
-            raise fails(where, "ends within its packed data", _DAMAGED)
+            raise FileError(where, "ends within its packed data", _DAMAGED)
         pieces.append(piece)
     return b"".join(pieces)
 
 
-def write_archive(path: PathLike, members: Iterable[tuple[str, bytes]], pack: bool = False) -> None:
-    """Writes a zip archive, the same bytes for the same members; deflated if `pack`."""
+def write_archive(path: PathLike, members: Iterable[tuple[str, bytes]]) -> None:
+    """Writes a zip archive, the same bytes for the same members; not deflated."""
     with create_file(path) as file, zipfile.ZipFile(file, "w") as archive:
         for name, content in members:
-            entry = zipfile.ZipInfo(name, _EPOCH)
-            entry.compress_type = zipfile.ZIP_DEFLATED if pack else zipfile.ZIP_STORED
-            archive.writestr(entry, content)
+            archive.writestr(zipfile.ZipInfo(name, _EPOCH), content)

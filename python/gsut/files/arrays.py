@@ -44,18 +44,17 @@ class Array:
     finite: bool = True
 
 
-def read_npy(path: PathLike, array: Array | None = None, *, fails: Fails = FileError) -> np.ndarray:
+def read_npy(path: PathLike, array: Array | None = None) -> np.ndarray:
     """Reads a .npy file.
 
     Args:
         path: the file.
         array: what it must be, where whole numbers come as int64; None: any numbers.
-        fails: makes the error.
 
     Raises:
         FileError: not such a file, cut off, complex numbers or objects, or not what `array` says.
     """
-    with open_binary(path, fails=fails) as file:
+    with open_binary(path) as file:
         size = os.fstat(file.fileno()).st_size
         found = _read_array(file, size, path)
         if array is not None:
@@ -69,7 +68,6 @@ def read_npz(
     path: PathLike,
     fields: Mapping[str, Array] | Collection[str] | None = None,
     *,
-    most_bytes: int | None = None,
     fails: Fails = FileError,
 ) -> dict[str, np.ndarray]:
     """Reads arrays of a .npz file.
@@ -78,7 +76,6 @@ def read_npz(
         path: the file.
         fields: name -> what the array must be, where a name ending in "?" may be absent; or names
             alone, of which absent ones are left out; None: all arrays.
-        most_bytes: see `open_archive`.
         fails: makes the error.
 
     Raises:
@@ -87,7 +84,7 @@ def read_npz(
     with open_binary(path, fails=fails) as file:
         if file.read(len(_NPY)) == _NPY:
             raise FileError(path, "is one array (.npy), not several (.npz)", _EXPORT)
-    with open_archive(path, most_bytes=most_bytes, fails=fails) as archive:
+    with open_archive(path, fails=fails) as archive:
         held = {name.removesuffix(".npy"): name for name in archive.names}
         wanted = list(held) if fields is None else [name.rstrip("?") for name in fields]
         if isinstance(fields, Mapping):

@@ -88,20 +88,17 @@ def _check_claim(path: PathLike, head: bytes, size: int) -> None:
 
 
 @contextlib.contextmanager
-def open_image(
-    path: PathLike, formats: tuple[str, ...] | None = None, *, fails: Fails = FileError
-) -> Iterator[Any]:
+def open_image(path: PathLike, formats: tuple[str, ...] | None = None) -> Iterator[Any]:
     """Opens a picture by Pillow, which reads its header; every failure in the block names it.
 
     Args:
         path: the file.
         formats: names of Pillow's formats that are tried; None: all.
-        fails: makes the error.
     """
     from PIL import Image, WebPImagePlugin  # noqa: F401  # here: gsut --help needs none
 
     Image.MAX_IMAGE_PIXELS = None  # panoramas are no bombs
-    with open_binary(path, fails=fails) as file, warnings.catch_warnings():
+    with open_binary(path) as file, warnings.catch_warnings():
         warnings.simplefilter("ignore")  # Pillow's, on damaged metadata
         size = os.fstat(file.fileno()).st_size
         _check_claim(path, file.read(_PNG_HEAD), size)

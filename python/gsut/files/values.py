@@ -109,13 +109,13 @@ def _check_depth(values: Any) -> None:
         raise OverflowError(f"a number of {len(str(abs(values)))} digits")
 
 
-def read_yaml(path: PathLike, shape: Any = None, *, fails: Fails = FileError) -> dict[str, Any]:
+def read_yaml(path: PathLike) -> dict[str, Any]:
     """Reads the keys and values of a YAML file, also as OpenCV writes it.
 
     Raises:
         FileError: see `read_json`; or no keys and values.
     """
-    return parse_yaml(read_text(path, _MOST_YAML, fails=fails), path, shape, fails=fails)
+    return parse_yaml(read_text(path, _MOST_YAML), path)
 
 
 def parse_yaml(
@@ -177,7 +177,7 @@ def parse_yaml(
         return values
 
 
-def read_rows(path: PathLike, *, fails: Fails = FileError) -> list[tuple[int, list[str]]]:
+def read_rows(path: PathLike) -> list[tuple[int, list[str]]]:
     """Reads line numbers from 1 and fields; '#' begins a comment.
 
     Fields are parted by commas or blanks, or by semicolons, beside which a comma is a point.
@@ -186,7 +186,7 @@ def read_rows(path: PathLike, *, fails: Fails = FileError) -> list[tuple[int, li
         FileError: see `read_text`.
     """
     rows = []
-    for number, line in enumerate(read_text(path, fails=fails).splitlines(), 1):
+    for number, line in enumerate(read_text(path).splitlines(), 1):
         text = line.strip()
         if text and not text.startswith("#"):
             if ";" in text:
@@ -197,7 +197,7 @@ def read_rows(path: PathLike, *, fails: Fails = FileError) -> list[tuple[int, li
 
 
 def read_table(
-    path: PathLike, names: Mapping[str, str], key: str, *, fails: Fails = FileError
+    path: PathLike, names: Mapping[str, str], key: str
 ) -> tuple[list[str], list[tuple[int, dict[str, str]]]]:
     """Reads a table whose heading names its columns.
 
@@ -209,7 +209,6 @@ def read_table(
         path: the file.
         names: of columns by what programs call them.
         key: a column of every such table: the first line that has it is the heading.
-        fails: makes the error.
 
     Returns:
         The names of the columns, of the first line if none is a heading, and each line's number
@@ -218,7 +217,7 @@ def read_table(
     Raises:
         FileError: see `read_text`.
     """
-    lines = read_text(path, fails=fails).splitlines()
+    lines = read_text(path).splitlines()
     heads = [_parse_heading(line, names) for line in lines]
     place = next((k for k, (_, head) in enumerate(heads) if key in head), 0)
     if not lines or key not in heads[place][1]:

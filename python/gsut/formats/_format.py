@@ -149,15 +149,15 @@ def keep_drawable(path: str | os.PathLike[str], gaussians: Gaussians) -> Gaussia
     return gaussians[good]
 
 
-def check_claim(path: Path, count: int, size: int, what: str = "Gaussians") -> None:
+def check_claim(path: Path, count: int, size: int) -> None:
     """Raises InputError if `count` Gaussians cannot be in `size` bytes or in free memory. This
     comes before any memory is allocated."""
     if not 0 <= count <= max(size, _FREE_CLAIM):
         raise InputError(
-            f"{path}: claims {count:,} {what} in {size:,} bytes, which cannot be; the file is "
+            f"{path}: claims {count:,} Gaussians in {size:,} bytes, which cannot be; the file is "
             "damaged"
         )
-    check_fits(f"reading {count:,} {what} of {path}", _LEAST_BYTES * count, ELSEWHERE)
+    check_fits(f"reading {count:,} Gaussians of {path}", _LEAST_BYTES * count, ELSEWHERE)
 
 
 def list_losses(g: Gaussians, chosen: Format) -> tuple[str, ...]:

@@ -43,15 +43,12 @@ def measure_pixels_per_radian(camera: Camera) -> float:
     return float(np.mean(np.linalg.norm(place[1:] - place[0], axis=1))) / 1e-4
 
 
-def measure_angular_errors(
-    rays: np.ndarray, world_from_camera: np.ndarray, signed: bool = False
-) -> np.ndarray:
+def measure_angular_errors(rays: np.ndarray, world_from_camera: np.ndarray) -> np.ndarray:
     """Measures by how many radians two rays miss each other or would meet behind a camera.
 
     Args:
         rays: (2, M, 3) in camera axes.
         world_from_camera: (2, M, 4, 4), or (2, M, 3, 4).
-        signed: return the signed angle by which they miss each other, for least squares.
 
     Returns:
         (M,); NaN where there is no ray.
@@ -63,8 +60,6 @@ def measure_angular_errors(
     first, second = _cross(base, one), _cross(base, two)
     sizes = [np.sqrt(np.einsum("mi,mi->m", normal, normal)) for normal in (first, second)]
     across = np.einsum("mi,mi->m", two, first) / np.maximum(np.hypot(*sizes), TINY)
-    if signed:
-        return across
     # Seen from further along the baseline a point lies at a larger angle to it.
     angles = [
         np.arctan2(size, np.einsum("mi,mi->m", base, ray))

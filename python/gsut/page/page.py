@@ -133,14 +133,12 @@ def embed_picture(image: np.ndarray, most_wide: int) -> str:
     return embed_bytes(data.tobytes(), "image/jpeg")
 
 
-def paint_values(
-    values: np.ndarray, colormap: int, valid: np.ndarray | None = None, background: int = 0
-) -> np.ndarray:
+def paint_values(values: np.ndarray, colormap: int, valid: np.ndarray | None = None) -> np.ndarray:
     """Paints values in [0, 1] by a colour map of OpenCV.
 
     Args:
         values: (H, W). colormap: such as cv2.COLORMAP_TURBO.
-        valid: (H, W) bool; None: all. background: grey level of invalid pixels.
+        valid: (H, W) bool, others become black; None: all.
 
     Returns:
         (H, W, 3) RGB uint8.
@@ -149,4 +147,4 @@ def paint_values(
 
     levels = np.rint(np.clip(values, 0.0, 1.0) * 255).astype(np.uint8)
     colors = cv2.cvtColor(cv2.applyColorMap(levels, colormap), cv2.COLOR_BGR2RGB)
-    return colors if valid is None else np.where(valid[..., None], colors, np.uint8(background))
+    return colors if valid is None else np.where(valid[..., None], colors, np.uint8(0))

@@ -134,7 +134,7 @@ def open_stage(path: str | os.PathLike[str], data: str | None = None) -> Stage:
     return make_data_stage(load_dataset(place))
 
 
-def make_data_stage(scene: Scene, findings: Sequence[Finding] = ()) -> Stage:
+def make_data_stage(scene: Scene) -> Stage:
     """Makes the stage of a dataset, whose points stand for Gaussians."""
     gaussians = None
     if len(scene.points):
@@ -143,7 +143,7 @@ def make_data_stage(scene: Scene, findings: Sequence[Finding] = ()) -> Stage:
             scene.points - origin, scene.point_colors, sh_degree=0, scale_factor=_POINT_SCALE,
             opacity=_POINT_OPACITY, max_gaussians=_MOST_POINTS,
         ).translate(origin)  # fmt: skip
-    return Stage(scene.path.resolve().name, "data", gaussians, scene, findings=findings)
+    return Stage(scene.path.resolve().name, "data", gaussians, scene)
 
 
 def move_motion(scene: Scene, index: int, pose: np.ndarray) -> Any:
