@@ -215,7 +215,7 @@ def _score_matches(
         if parallax is not None:
             reach = max(float(weights @ parallax[known]), _LEAST_PARALLAX * noise)
 
-    share = estimate_share(lambda: evaluate(known), update, np.count_nonzero(fitted), extent**2)
+    share = estimate_share(lambda: evaluate(known), update, int(fitted.sum()), extent**2)
     right = np.nan_to_num(evaluate(np.ones(len(errors), bool)))
     return np.log(1 - share + share * right * extent**2)
 
