@@ -7,7 +7,7 @@ from gsut.data.layouts._layout import (
     list_layouts,
     require_pictures,
 )
-from gsut.data.layouts.description import KEYS, describe_recording, replace_parts
+from gsut.data.layouts.description import describe_recording, replace_parts
 from gsut.data.layouts.folder import (
     DEPTH_FOLDERS,
     find_image_folder,

@@ -5,8 +5,7 @@ from gsut.judge.checks.pictures import PICTURE_CHECKS, PictureQuality, judge_pic
 from gsut.judge.checks.poses import (
     FOCAL_LIMIT,
     IMPOSSIBLE_TURN,
-    POSES_CHECKS,
     PosesQuality,
     judge_poses,
 )
-from gsut.judge.checks.training import TRAINING_CHECKS, judge_training
+from gsut.judge.checks.training import judge_training

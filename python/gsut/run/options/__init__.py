@@ -20,6 +20,6 @@ from gsut.run.options.presets import (
     raise_degree,
 )
 from gsut.run.options.primitives import FLAT_PRIMITIVES
-from gsut.run.options.recipe import PRESETS, Recipe, make_recipe
+from gsut.run.options.recipe import PRESETS, Recipe
 from gsut.run.options.scene import SceneOptions
 from gsut.run.options.train import AUTO, READOUTS, TrainOptions

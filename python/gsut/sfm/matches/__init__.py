@@ -10,7 +10,6 @@ from gsut.sfm.matches.matching import (
     match_images,
 )
 from gsut.sfm.matches.selection import (
-    TRIAL_MATCHES,
     choose_connected_pairs,
     keep_most_distinct,
     select_pairs,

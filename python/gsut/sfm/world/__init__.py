@@ -10,4 +10,4 @@ from gsut.sfm.world.control import place_by_control
 from gsut.sfm.world.control_file import find_control
 from gsut.sfm.world.earth import find_stated_up, place_on_earth
 from gsut.sfm.world.markers import add_markers, place_by_markers
-from gsut.sfm.world.positions import PositionFit, fit_positions, read_positions
+from gsut.sfm.world.positions import fit_positions, read_positions

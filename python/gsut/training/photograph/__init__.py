@@ -3,4 +3,4 @@
 from gsut.training.photograph.cut_out import CutOut
 from gsut.training.photograph.movers import Movers
 from gsut.training.photograph.outliers import Outliers
-from gsut.training.photograph.photograph_model import GAINS_DIFFER, PhotographModel
+from gsut.training.photograph.photograph_model import PhotographModel

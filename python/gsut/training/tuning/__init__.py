@@ -5,6 +5,6 @@ from gsut.training.tuning.compact_run import (
     RunCompactor,
     write_compacted_run,
 )
-from gsut.training.tuning.finetuning import finetune, finetune_options
+from gsut.training.tuning.finetuning import finetune
 from gsut.training.tuning.for_viewers import VIEWER_STEPS, tune_for_viewers
 from gsut.training.tuning.levels import make_levels
