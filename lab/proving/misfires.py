@@ -13,9 +13,9 @@ _TRUE_OF_EXACT = (
     "have no ray",
     "have the same pose",
     "all cameras stand at one place",
+    "/depth is not used",
 )
-# Pixels by which a shutter must shift the picture for its readout to be missed.
-_SHIFT_PX = 1.5
+_SHIFT_PX = 1.5  # pixels by which a shutter must shift the picture for its readout to be missed
 # Orders of lines whose true readout is below zero.
 _BACKWARDS = ("bottom_to_top", "right_to_left")
 # What gsut promises of every input: a run with one of these has failed.

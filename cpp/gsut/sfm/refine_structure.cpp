@@ -142,7 +142,7 @@ Structure RefineStructure(const std::vector<Camera>& cameras,
   // Given poses are roughly right: the largest error starts loose and gets tight, while points and,
   // if free, the lens come to fit.
   for (const double looser : kLooser) {
-    if (options.lens_settled && (lens_free || map.ThinsOut())) break;
+    if (options.lens_settled) break;
     current.max_error = looser * options.max_error;
     if (changed >= 0.0) changed = round(kIterations, tolerance);
   }

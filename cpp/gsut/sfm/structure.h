@@ -64,7 +64,7 @@ struct StructureOptions {
   // What is known of them beforehand, one prior a camera; empty: nothing.
   std::vector<LensPrior> lens_priors;
   // They are nearly right: it is enough to estimate them at the end. So are the poses given to
-  // RefineStructure, which then needs no looser rounds where tracks are left out.
+  // RefineStructure, which then needs no looser rounds.
   bool lens_settled = false;
   // Rolling shutters: how lines are read; each image then has a velocity of its own. rolling_error:
   // the largest error, in units of max_error, until velocities are known.

@@ -12,7 +12,7 @@ from gsut.judge.checks import UNUSABLE
 from gsut.sfm.learned import A_FEW, add_learned_features
 from gsut.sfm.lens import search_lenses
 from gsut.sfm.mapping import Mapping
-from gsut.sfm.matches import explain_failure, require_overlap
+from gsut.sfm.matches import are_connected, explain_failure, require_overlap
 from gsut.sfm.rig import solve_rig
 from gsut.sfm.solution import measure_diagonal, solve_poses
 from gsut.sfm.starts import compare_halves, register_left_out, try_other_starts
@@ -21,7 +21,8 @@ from gsut.sfm.starts import compare_halves, register_left_out, try_other_starts
 def map_connected(mapping: Mapping) -> Mapping:
     """Estimates poses and points, by learned features too where those of SIFT do not suffice.
 
-    They leave images out, or either half of them gives a few images other poses.
+    They leave images out, or either half of them gives a few images other poses. What fails though
+    all images are connected, as of a camera that only turned, more matches do not mend.
     """
     failure: SolveError | None = None
     plain, absent, notes = mapping, np.ones(len(mapping.photographs), bool), mapping.log.notes
@@ -30,6 +31,8 @@ def map_connected(mapping: Mapping) -> Mapping:
         plain = register_left_out(_map_photographs(mapping))
         absent = ~plain.solved.registered
     except SolveError as error:
+        if are_connected(mapping.pairs, len(absent)):
+            raise
         failure = error
     if failure is None and len(absent) <= A_FEW:
         plain = compare_halves(plain)

@@ -14,7 +14,7 @@ import pytest
 
 import gsut.demo
 import tolerances
-from gsut import InputError
+from gsut import InputError, SolveError
 from gsut.cli import main
 from gsut.data.images import decode_image
 from gsut.sfm import PosesOptions, connection
@@ -181,6 +181,35 @@ def test_learned_features_join_where_sift_holds_poses_badly(halves, is_used, mon
     assert found.solved.registered.all()
     assert ("learned" in found.found.figures) == is_used
     assert any("XFeat" in note for note in found.log.notes) == is_used
+
+
+def test_learned_features_are_not_tried_where_sift_connects_images_that_have_no_poses(monkeypatch):
+    scene = Synthetic(np.random.default_rng(1), points=200)
+    mapping = scene.mapping(PosesOptions(), pairs=scene.verified()).add_findings({"lens": "known"})
+
+    def fail(_):
+        raise SolveError("no parallax")
+
+    monkeypatch.setattr(connection, "_map_photographs", fail)
+    monkeypatch.setattr(connection, "add_learned_features", lambda *_: pytest.fail("tried"))
+    with pytest.raises(SolveError, match="no parallax"):
+        connection.map_connected(mapping)
+
+
+def test_images_left_out_are_matched_with_their_likeliest_partners(rng):
+    pairs = np.stack(np.triu_indices(30, 1), axis=1)
+    counts = rng.permutation(len(pairs))
+    wanted = np.zeros(30, bool)
+    wanted[[3, 9, 17, 20]] = True
+    own = np.flatnonzero(wanted[pairs].any(axis=1))
+    chosen = supplement._choose_pairs(pairs, counts, wanted)
+    assert len(chosen) == 66 < len(own)
+    assert set(chosen) < set(own)
+    for image in np.flatnonzero(wanted):
+        ranked = [index for index in own[np.argsort(-counts[own])] if image in pairs[index]]
+        assert set(ranked[:15]) < set(chosen)
+    few = supplement._choose_pairs(pairs[:20], counts[:20], np.ones(30, bool))
+    np.testing.assert_array_equal(few, np.arange(20))
 
 
 def test_learned_matches_that_agree_with_a_pose_by_chance_are_left_out(rng):

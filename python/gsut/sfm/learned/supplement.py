@@ -17,8 +17,8 @@ from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import MAX_DISTANCE, RawMatches, verify_matches
 from gsut.sfm.photographs import Features, make_no_features, read_features
 
-_MOST_IMAGES = 40  # up to which all pairs with an image that is left out are compared
-A_FEW = 12  # images, up to which all pairs are matched by attention
+_MOST_IMAGES = 40  # up to which learned features are tried
+A_FEW = 12  # images, up to which all pairs are matched by attention; of more images as many pairs
 _NO_RATIO = 1.0  # learned descriptors of neighbours are alike, so that Lowe's test says little
 _TURNS = 4  # quarter turns in which an image may have been stored
 _TURN_FEATURES = 1000  # of an image, the best, that show how it is turned
@@ -77,22 +77,34 @@ def _match_all(
 ) -> list[np.ndarray]:  # fmt: skip
     """Matches learned features of pairs (P, 2): by attention, which costs more, where it decides.
 
-    Those are pairs with an image that is left out, or all pairs of a few images. Others of each
-    other's nearest features have enough.
+    Those are pairs of images that are left out with their likeliest partners, or all pairs of a few
+    images. Others of each other's nearest features have enough.
     """
     matches = _match([features.descriptors for features in learned], pairs)
-    decides = absent[pairs].any(axis=1) | (len(absent) <= A_FEW)
+    counts = np.array([len(each) for each in matches])
+    chosen = _choose_pairs(pairs, counts, absent | (len(absent) <= A_FEW))
 
     def match(index: int) -> np.ndarray:
         a, b = pairs[index]
         return match_by_attention(weights, learned[a], learned[b], (turns[a], turns[b]))
 
-    chosen, log = np.flatnonzero(decides), mapping.log
+    log = mapping.log
     with ThreadPoolExecutor(mapping.options.threads or _core.num_threads()) as pool:
         for done, (index, found) in enumerate(zip(chosen, pool.map(match, chosen), strict=True)):
             matches[index] = found
             log.show("matching", done + 1, len(chosen), "learned features")
     return matches
+
+
+def _choose_pairs(pairs: np.ndarray, counts: np.ndarray, wanted: np.ndarray) -> np.ndarray:
+    """Chooses pairs (P, 2) of each wanted image, from those of most matches (P,) on, in turns."""
+    rank = np.full(len(pairs), len(wanted))
+    for image in np.flatnonzero(wanted):
+        own = np.flatnonzero((pairs == image).any(axis=1))
+        own = own[np.argsort(-counts[own], kind="stable")]
+        rank[own] = np.minimum(rank[own], np.arange(len(own)))
+    most = min(A_FEW * (A_FEW - 1) // 2, int(np.count_nonzero(rank < len(wanted))))
+    return np.sort(np.lexsort((-counts, rank))[:most])
 
 
 def _read_all(
@@ -111,15 +123,18 @@ def _read_all(
             return make_no_features()
 
     images = range(len(photographs))
-    turned = list(itertools.product(np.flatnonzero(absent), range(1, _TURNS)))
+    left_out = [int(image) for image in np.flatnonzero(absent)]
+    turned = list(itertools.product(left_out, range(1, _TURNS)))
     with ThreadPoolExecutor(options.threads or _core.num_threads()) as pool:
         upright = list(pool.map(read, images, itertools.repeat(0)))
         log.show("learned", len(upright), len(upright) + len(turned), "upright")
         others = dict(zip(turned, pool.map(lambda key: read(*key), turned), strict=True))
     found, best = list(upright), [0] * len(upright)
-    for image in np.flatnonzero(absent):
+    for image in left_out:
         tries = [upright[image], *(others[image, turns] for turns in range(1, _TURNS))]
-        rest = [features for other, features in enumerate(found) if other != image]
+        begin = max(0, min(image - A_FEW // 2, len(found) - A_FEW))
+        end = min(begin + A_FEW, len(found))
+        rest = [found[other] for other in range(begin, end) if other != image]
         counts = [_count_matches(features, rest) for features in tries]
         best[image] = int(np.argmax(counts))
         found[image] = tries[best[image]]

@@ -10,6 +10,7 @@ from gsut.sfm.matches.matching import (
     match_images,
 )
 from gsut.sfm.matches.selection import (
+    are_connected,
     choose_connected_pairs,
     keep_most_distinct,
     select_pairs,

@@ -58,6 +58,15 @@ def choose_connected_pairs(pairs: Sequence[PairMatches], most: int) -> list[Pair
     return [pair for pair in pairs if pair.first in chosen and pair.second in chosen]
 
 
+def are_connected(pairs: Sequence[PairMatches], num_images: int) -> bool:
+    """Returns whether pairs connect each image with all others, directly or through some."""
+    group = list(range(num_images))
+    for pair in pairs:
+        joined, other = group[pair.first], group[pair.second]
+        group = [joined if each == other else each for each in group]
+    return len(set(group)) == 1
+
+
 def select_pairs(raw: RawMatches, wanted: set[tuple[int, int]]) -> RawMatches:
     """Keeps the matches of these pairs of images."""
     kept = [i for i, (a, b) in enumerate(raw.pairs) if (int(a), int(b)) in wanted]

@@ -203,7 +203,8 @@ class Adjustment:
         lens_free: (K,) flags of the parameters of the one lens, see `LensFlag`; or such flags of
             each image's lens, one array a lens, None for one that is known; None: all lenses are
             known.
-        lens_settled: the lens is nearly right, so that estimating it at the end is enough.
+        lens_settled: the lens is nearly right, so that estimating it at the end is enough; of
+            `adjust_poses`: so are the poses, and the largest error is tight from the start.
         covariances: False for a trial: they are 0, the solver ends at a rougher tolerance, and
             `solve_poses` extends no tracks.
         rig: of `adjust_poses`: the images' cameras are fixed to each other.
