@@ -13,13 +13,11 @@ from gsut._core import InputError
 from gsut.bounds import name_wrong_kinds
 from gsut.data.poses import check_rigid
 from gsut.files import Number, check_shape, read_json, register_reader
-from gsut.gaussians import Gaussians
+from gsut.gaussians import OPAQUE, Gaussians
 from gsut.lens import Camera
 from gsut.lens.files import camera_from_values
 from gsut.render import render
 
-# Alpha above which a pixel shows a surface that others can be behind.
-_SEEN = 0.5
 # What an edit can do.
 _ACTIONS = ("select", "clear", "delete", "keep")
 # Of an edit that selects.
@@ -202,5 +200,5 @@ def _is_in_front(
     alpha, depth = seen.alpha[y, x], seen.depth[y, x]
     reach = np.exp(gaussians.log_scales[rows].max(axis=1))
     with np.errstate(divide="ignore", invalid="ignore"):
-        farthest = np.where(alpha > _SEEN, depth / alpha, np.inf) + reach
+        farthest = np.where(alpha > OPAQUE, depth / alpha, np.inf) + reach
     return np.linalg.norm(places, axis=1) <= farthest

@@ -15,7 +15,8 @@ import numpy as np
 from gsut import _core
 from gsut.bounds import name_wrong_kinds
 from gsut.evaluate.detail import measure_details
-from gsut.evaluate.unseen import OPAQUE, find_unseen
+from gsut.evaluate.unseen import find_unseen
+from gsut.gaussians import OPAQUE
 from gsut.metrics import (
     RING_EDGES_DEGREES,
     Ring,

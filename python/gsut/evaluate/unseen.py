@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 
+from gsut.gaussians import OPAQUE
+
 # Pixels between the rays that are followed, each way; what is unseen is larger.
 _EVERY = 4
-# Alpha below which a pixel shows what is infinitely far away.
-OPAQUE = 0.5
 
 
 def find_unseen(scene: Any, index: int, rendered: Any) -> np.ndarray:

@@ -1,6 +1,7 @@
 """A scene's Gaussians: arrays, seeding, editing, pixel sizes."""
 
 from gsut.gaussians.arrays import SH_C0, Gaussians, LinearGaussians
+from gsut.gaussians.cone import OPAQUE
 from gsut.gaussians.cut import (
     find_ground,
     merge_gaussians,

@@ -10,6 +10,8 @@ from gsut import _core
 
 # Alpha below which nothing is drawn, as in the blend rule of 3DGS.
 LEAST_ALPHA = 1.0 / 255.0
+# Alpha from which a pixel shows a surface.
+OPAQUE = 0.5
 
 
 def compute_reach(gaussians: Any) -> np.ndarray:

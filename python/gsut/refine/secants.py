@@ -16,7 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gsut._core import Camera, CameraMotion, Renderer, RenderJob, Shutter, moved_pose
-from gsut.gaussians import Gaussians
+from gsut.gaussians import OPAQUE, Gaussians
 from gsut.least_squares import minimize_least_squares
 from gsut.refine.pixel_rows import (
     LOSS_SCALE,
@@ -65,8 +65,6 @@ _LEAST_GAIN = 0.01
 _RISE = 10.0
 # Damping whose step is far shorter than what the slopes are taken over.
 _MOST_DAMPING = 1.0
-# Alpha from which a rendered distance is that of a surface.
-_OPAQUE = 0.5
 
 
 @dataclasses.dataclass(frozen=True)
@@ -384,7 +382,7 @@ def place_lines(
 def _measure_units(gaussians: Gaussians, camera: Camera, pose: np.ndarray) -> np.ndarray:
     """Measures (6,) how far the centre moves, and the camera turns, for a pixel on the axis."""
     seen = render(gaussians, camera, pose, watch=False)
-    opaque = seen.alpha > _OPAQUE
+    opaque = seen.alpha > OPAQUE
     distance = 1.0
     if opaque.any():
         # Parallax is that of the mean inverse distance.

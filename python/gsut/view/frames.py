@@ -11,6 +11,7 @@ from gsut import _core
 from gsut._core import InputError
 from gsut.data.images import shrink_image
 from gsut.gaussians import (
+    OPAQUE,
     SH_C0,
     Gaussians,
     StoredGaussians,
@@ -27,7 +28,7 @@ from gsut.render import (
 )
 from gsut.view.frame_request import FULL_QUALITY, FrameRequest
 from gsut.view.lenses import Lenses
-from gsut.view.measure import SEEN, find_point_at
+from gsut.view.measure import find_point_at
 from gsut.view.overlays import (
     draw_cameras,
     draw_marks,
@@ -143,7 +144,7 @@ class Frames:
         if request.mode == "error":
             return self._draw_error(request, image)
         with np.errstate(divide="ignore", invalid="ignore"):
-            distance = np.where(alpha > SEEN, depth / alpha, np.nan)
+            distance = np.where(alpha > OPAQUE, depth / alpha, np.nan)
         if request.mode == "normal":
             return Drawn(_draw_normals(self.shown.axes, camera, request.pose, distance))
         known = distance[::_SAMPLES, ::_SAMPLES]

@@ -7,11 +7,10 @@ from typing import Any
 import numpy as np
 
 from gsut._core import CameraMotion, InputError
+from gsut.gaussians import OPAQUE
 from gsut.render import Confidence, render
 from gsut.view.stage import Stage
 
-# Alpha above which a pixel shows something.
-SEEN = 0.5
 # Standard deviation of a coordinate of a pixel that a person points at, in pixels.
 _POINTING = 0.5
 
@@ -46,7 +45,7 @@ def find_point_at(
     rays, valid = camera.unproject(at)
     column, row = (int(np.clip(value, 0, side - 1)) for value, side in
                    zip(at[0], (camera.width, camera.height), strict=True))  # fmt: skip
-    if not valid[0] or alpha[row, column] < SEEN:
+    if not valid[0] or alpha[row, column] < OPAQUE:
         return None
     in_camera = camera.ray_origins(at)[0][0] + depth[row, column] / alpha[row, column] * rays[0]
     pose = find_pose_of_pixel(place, camera, at[0])

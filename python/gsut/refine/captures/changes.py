@@ -7,11 +7,9 @@ from typing import Any
 import numpy as np
 
 from gsut.bounds import name_wrong_kinds
-from gsut.gaussians import Gaussians
+from gsut.gaussians import OPAQUE, Gaussians
 from gsut.render import render, to_uint8
 
-# Part of a pixel that Gaussians cover where a scene is seen.
-_SEEN = 0.5
 # Times the difference of half of all pixels, from which one has changed.
 _CHANGED = 6.0
 # Least difference of colour, of [0, 1], that is a change.
@@ -44,7 +42,7 @@ def find_changes(
     one, two = (
         render(each, camera, pose, background=(0.0, 0.0, 0.0)) for each in (gaussians, other)
     )
-    seen = (np.asarray(one.alpha) > _SEEN) & (np.asarray(two.alpha) > _SEEN)
+    seen = (np.asarray(one.alpha) > OPAQUE) & (np.asarray(two.alpha) > OPAQUE)
     shown = to_uint8(two.image)
     if not seen.any():
         return np.zeros(seen.shape, bool), shown

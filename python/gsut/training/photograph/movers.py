@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from gsut import _core
+from gsut.gaussians import OPAQUE
 from gsut.render import Light, render
 
 # Longest side in pixels at which photographs are compared: enough for what spoils a picture.
@@ -48,8 +49,6 @@ _CONTRADICTS = 0.25
 # Pixels from which something moved in a view in which the first comparison found nothing: fewer
 # photographs are left for the second one.
 _LEAST_NEW = 2 * _WINDOW**2
-# Alpha from which a pixel has a distance.
-_OPAQUE = 0.5
 
 
 @dataclasses.dataclass(frozen=True)
@@ -172,8 +171,8 @@ def _look(gaussians: Any, scene: Any, index: int, light: Light | None) -> _Look:
     if light is not None:
         image = image / light.on(camera, index, view.camera_index)
     alpha, around = np.asarray(drawn.alpha), np.ones((3, 3), np.uint8)
-    is_near = (alpha >= _OPAQUE) & mask
-    distances = np.where(is_near, drawn.depth / np.maximum(alpha, _OPAQUE), np.float32(np.inf))
+    is_near = (alpha >= OPAQUE) & mask
+    distances = np.where(is_near, drawn.depth / np.maximum(alpha, OPAQUE), np.float32(np.inf))
     colors = np.concatenate([image, cv2.erode(image, around), cv2.dilate(image, around)], axis=2)
     misfit = _measure_misfit(image, cv2.erode(drawn.image, around), cv2.dilate(drawn.image, around))
     misfit = np.where(mask, misfit, np.float32(0))
