@@ -11,15 +11,14 @@ import numpy as np
 from gsut import _core
 from gsut.check.evidence import Evidence
 from gsut.data import Scene
+from gsut.judge import SURE
 
 _SHUFFLES = 4  # of each pair: their mean is what chance explains
-_SIGMAS = 4.0  # standard deviations above the shuffled count from which a count is not chance
 _HALF = 0.5  # of what free poses explain: right poses explain all of it, wrong ones nothing
 _CLOSED = 5.0  # degrees that three turns around a triple may miss: several errors of a turn
 _REPEATED = 0.3  # of the pairs of right poses, that repeated things make contradict, at most
 _RARE = 0.01  # chance of as many contradictions, below which the poses are wrong
 _FEW = 5  # cameras for each one that may stand far away
-_TOLERANCE = 2.0  # times the features' noise: what misses by more is not explained
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,7 +62,7 @@ class PairVerdict:
 
 def _is_beyond_chance(count: int, by_chance: float) -> bool:
     """Returns whether a count is more than chance, whose variance is at most its mean (Poisson)."""
-    return count - by_chance > _SIGMAS * math.sqrt(max(by_chance, 1.0))
+    return count - by_chance > SURE * math.sqrt(max(by_chance, 1.0))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -96,9 +95,8 @@ class Agreement:
 
 def find_agreement(evidence: Evidence) -> Agreement:
     """Judges each pair by what free and given relative poses explain beyond chance."""
-    tolerance = _TOLERANCE * evidence.noise
     given = [
-        np.bincount(each.pair[each.measure_errors(each.given)[: len(each)] < tolerance],
+        np.bincount(each.pair[each.measure_errors(each.given)[: len(each)] < each.tolerance],
                     minlength=len(evidence.pairs))
         for each in (evidence, *map(evidence.shuffle, range(_SHUFFLES)))
     ]  # fmt: skip
@@ -132,8 +130,8 @@ def _judge_pair(evidence: Evidence, number: int, given: Sequence[int]) -> PairVe
         np.random.default_rng([seed, number]).permutation(first) for seed in range(_SHUFFLES)
     ]
     rows = [np.stack([first, second], axis=1)[seen[0] & seen[1][second]] for second in orders]
-    max_error = _TOLERANCE * evidence.noise
-    fits = _core.verify_pairs(images, np.tile([[0, 1]], (len(rows), 1)), rows, max_error, 0)
+    ends = np.tile([[0, 1]], (len(rows), 1))
+    fits = _core.verify_pairs(images, ends, rows, evidence.tolerance, 0)
     free = [int(np.count_nonzero(kept)) for kept, *_ in fits]
     return PairVerdict(
         (pair.first, pair.second), np.asarray(fits[0][1])[:3, :3], free[0], int(given[0]),

@@ -14,6 +14,7 @@ from gsut.data import Scene
 from gsut.data.poses import OPENGL_FROM_OPENCV
 from gsut.judge import (
     MOMENTS,
+    SURE,
     TINY,
     Dataset,
     Matches,
@@ -26,12 +27,10 @@ from gsut.judge import (
 from gsut.lens import Camera
 
 _FEWEST_PAIRS = 2  # pairs of photographs: one alone may be an exception
-_FEWEST_MATCHES = 60  # of all pairs: fewer say nothing about poses and lens
 _FEWEST_SHARED = 6  # features that three images share, from which their scales are compared
 _SAMPLE = 800  # matches, and shared features, by which hypotheses are tried: enough to choose
 _FITTING = 0.5  # share of right matches, before anything is known of it
 _NOISE = 1.5e-3  # of the diagonal: about a pixel of the small images that features are sought in
-_WRONG = 4.0  # times the noise: a match that is farther off is wrong, however wrong the others are
 _PARALLAX = 5.0  # times the tolerance: rays less apart give no distance worth comparing
 _STEP_PX = 0.01  # of differences between rays: small beside a pixel, large beside rounding
 
@@ -86,6 +85,11 @@ class Evidence:
     def noise(self) -> float:
         """Returns the standard deviation of errors in pixels before anything is known of it."""
         return _NOISE * self.diagonal
+
+    @property
+    def tolerance(self) -> float:
+        """Returns the error in pixels beyond which a match is wrong, whatever the others are."""
+        return SURE * self.noise
 
     @functools.cached_property
     def _rays_of_data(self) -> tuple[np.ndarray, np.ndarray]:
@@ -159,7 +163,7 @@ class Evidence:
         """Makes what `prefer` compares of a dataset, with its number of estimated numbers."""
         errors = self.measure_errors(data)
         with np.errstate(invalid="ignore"):
-            return Structure(np.where(errors < _WRONG * self.noise, errors, np.nan), free)
+            return Structure(np.where(errors < self.tolerance, errors, np.nan), free)
 
     @functools.cached_property
     def matches(self) -> Matches:
@@ -184,9 +188,9 @@ class Evidence:
         """Computes distances (2, M) from both cameras, and (M,) whether a match shows them."""
         rays, density = self._rays_of_data
         distance, sine = triangulate_distances(rays, self._poses)
-        tolerance = 2 * self.noise
-        good = self.measure_errors(self.given)[: len(self)] < tolerance
-        good &= (sine * density[0] > _PARALLAX * tolerance) & np.isfinite(distance).all(axis=0)
+        good = self.measure_errors(self.given)[: len(self)] < self.tolerance
+        good &= sine * density[0] > _PARALLAX * self.tolerance
+        good &= np.isfinite(distance).all(axis=0)
         return distance, good
 
     @property
@@ -228,7 +232,7 @@ def gather_evidence(scene: Scene, pairs: list[ImagePair] | None = None) -> Evide
         pairs: from `match_neighbours`, if already computed.
     """
     pairs = match_neighbours(scene) if pairs is None else pairs
-    if len(pairs) < _FEWEST_PAIRS or sum(p.pixels.shape[1] for p in pairs) < _FEWEST_MATCHES:
+    if len(pairs) < _FEWEST_PAIRS:
         return None
     shared, triples = _find_shared(scene, pairs)
     camera = scene.cameras[0]

@@ -15,7 +15,6 @@ _NO_RAY_MUCH = 0.4  # share of pixels; a 180-degree circle in a square image lea
 _NARROWEST = 1.0  # degrees off the axis, which the longest photographic lenses see
 _SAME_PLACE = 1e-6  # of the extent: cameras this near are at one place
 _LEAST_SPREAD = 1e-3  # of the extent: what is so small beside a path, no photograph shows
-_FAR_FROM_ORIGIN = 1e3  # distance over extent at which float32 coordinates lose about 0.1 mm in 1 m
 _POSSIBLE_EXTENTS = (1e-4, 1e5)  # units; others come of a mistake
 _POINT_SPREAD_RANGE = (0.05, 100.0)  # median distance of the points over the extent
 
@@ -87,13 +86,6 @@ def check_poses(scene: Scene) -> Iterator[Finding]:
         )
     else:
         yield from _find_repeated_poses(scene, centers, tiny)
-    distance = float(np.linalg.norm(scene.world_offset))
-    if distance > _FAR_FROM_ORIGIN * scene.extent:
-        yield inform(
-            f"the scene lies {distance:.6g} units from the origin and is moved there on loading;"
-            " if a PLY gave the points as float32, they are rounded to"
-            f" {np.spacing(np.float32(distance)):.2g} units"
-        )
     if not _POSSIBLE_EXTENTS[0] < scene.extent < _POSSIBLE_EXTENTS[1]:
         yield warn(
             f"the cameras' extent is {scene.extent:.3g} units: an unusual scale",

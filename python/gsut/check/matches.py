@@ -20,10 +20,8 @@ _ANCHORS = 9  # places along the dataset at which neighbours are compared
 _STEPS = ((0, 1), (0, 2), (1, 2))  # of a pair: how many places after an anchor both images lie
 _MOST = 250  # matches kept of a pair
 _OPTIONS = PosesOptions(max_features=700, max_megapixels=0.14, threads=0)
-_CONTRAST = 0.01  # threshold of SIFT: even surfaces are not needed here
 _MAX_RATIO = 0.75  # of descriptors' distances: few wrong matches rather than many right ones
 _JUMPS = 6  # places of a path that are examined where its steps change most: three a far pose
-_STAND = 0.3  # of the median step: shorter ones are alike
 _FEWEST = 16  # matches of a pair: fewer may be chance
 _STILL = 0.004  # of the image's diagonal: what moves less, in a pair that moves, is on the lens
 
@@ -112,8 +110,6 @@ def choose_pairs(scene: Scene) -> list[tuple[int, int]]:
 
 def _find_jumps(steps: np.ndarray) -> list[int]:
     """Lists the places before those where the steps of a path change most: poses may not fit."""
-    least = _STAND * float(np.median(steps)) if len(steps) else 0.0
-    steps = np.log(np.maximum(steps, max(least, 1e-300)))
     return np.argsort(-np.abs(np.diff(steps)), kind="stable")[:_JUMPS].tolist()
 
 
@@ -128,4 +124,4 @@ def _find_features(scene: Scene, index: int) -> Features:
         valid = view.valid if view.mask_path is None else decode_mask(view.mask_path)
     except InputError:  # reported by the checks of the files
         pixels, valid = np.zeros((8, 8, 3), np.uint8), None
-    return detect_features(pixels, valid, _OPTIONS, _CONTRAST)
+    return detect_features(pixels, valid, _OPTIONS)

@@ -15,12 +15,10 @@ from gsut.judge import HYPOTHESES, Hypothesis, Variant, find_best_variants, pref
 
 _POOR = 0.4  # share of the matches that a dataset explains: with less it is wrong
 _GROSS = 0.8  # likewise: with more there is no gross mistake
-_BAD_PAIR = 0.2  # likewise of one pair
 _ALIKE = 0.9  # of the best hypothesis's gain: a hypothesis that gains this share explains the same
 _LEAST_GAIN = 0.05  # nats a match that a hypothesis must gain: less are errors that images share
 _SAME = 1e-3  # nats a match: groups of images that differ by less are not touched
 _PLAIN = 1.2  # nats a match: half of the matches that did not fit do so, a match that fits has five
-_PART = 3  # views that fit each other from which they are a part of a path, not wrong poses
 _ADVICE = (
     "check names, order and time stamps, that these are the photographs of this path, and the "
     "lens; or find poses of all images at once (`gsut poses`)"
@@ -69,7 +67,7 @@ def check_photographs(scene: Scene, evidence: Evidence | None) -> list[Finding]:
         return [*name_far_views(scene), Finding("info", str(scene.path), what)]
     shares = evidence.find_shares(evidence.given)
     share = float(np.mean(shares))
-    agreement = find_agreement(evidence) if shares.min() < _BAD_PAIR else None
+    agreement = find_agreement(evidence) if shares.min() < _POOR else None
     found = find_explanation(evidence, share < _GROSS)
     fitting = [pair for pair, fits in zip(evidence.pairs, shares > _POOR, strict=True) if fits]
     far = name_far_views(scene, {view for pair in fitting for view in (pair.first, pair.second)})
@@ -177,7 +175,7 @@ def _describe_agreement(
         if agreement.apart:
             views, severity = agreement.apart[0], "warning"
             what = "contradict all neighbouring images that they were compared with, which agree"
-            if len(views) >= _PART:
+            if len(views) > 1:
                 severity = "error"
                 what = "agree with each other, and with no others: their poses are in another world"
                 what += " frame or scale"

@@ -129,10 +129,6 @@ NOTICED = {
         change_poses(lambda m: place_at(m, [0, 0, 3])),
         "warning", ["all cameras stand at one place"],
     ),
-    "cameras far from the origin": (
-        change_poses(lambda m: place_at(m, [1e6 + m[0, 3], 0, 3])), "info",
-        ["units from the origin"],
-    ),
     "upside down": (change_poses(lambda m: D @ m), "info", ["upside down"]),
     "points that no view sees": (
         change_poses(lambda m: m @ D),

@@ -227,7 +227,6 @@ def detect_features(
     pixels: np.ndarray,
     valid: np.ndarray | None,
     options: PosesOptions,
-    contrast: float = _CONTRAST,
 ) -> Features:
     """Detects the features of an image in memory.
 
@@ -235,7 +234,6 @@ def detect_features(
         pixels: (H, W, 3) uint8.
         valid: (H, W) bool, where features may lie; None: everywhere.
         options: see PosesOptions.
-        contrast: SIFT's threshold.
     """
     import cv2
 
@@ -252,7 +250,7 @@ def detect_features(
     at_once = small_mask is None or grey.size < _PIXELS_EACH * options.max_features
     sift = cv2.SIFT.create(
         options.max_features if small_mask is None else 0,
-        contrastThreshold=contrast, enable_precise_upscale=True,
+        contrastThreshold=_CONTRAST, enable_precise_upscale=True,
     )  # fmt: skip
     if at_once:
         keypoints, descriptors = sift.detectAndCompute(grey, small_mask)
