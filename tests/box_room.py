@@ -44,18 +44,26 @@ class BoxRoom:
 
     def trace(self, origins: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Finds distances (N,) in metres and colours (N, 3) in 0 to 1 along unit rays (N, 3)."""
-        origins = np.broadcast_to(origins, rays.shape)
+        starts = np.broadcast_to(origins, rays.shape).T
+        ways = np.ascontiguousarray(rays.T)
         distance, box = np.full(len(rays), np.inf), np.zeros(len(rays), int)
         with np.errstate(divide="ignore", invalid="ignore"):
             for number, (low, high) in enumerate(self._boxes):
-                enter, leave = np.sort([(low - origins) / rays, (high - origins) / rays], axis=0)
-                near, far = enter.max(axis=1), leave.min(axis=1)
+                near, far = np.full(len(rays), -np.inf), np.full(len(rays), np.inf)
+                for begin, end, start, way in zip(low, high, starts, ways, strict=True):
+                    enter, leave = (begin - start) / way, (end - start) / way
+                    np.maximum(near, np.fmin(enter, leave), out=near)
+                    np.minimum(far, np.fmax(enter, leave), out=far)
                 hit = far if number == 0 else np.where((near < far) & (near > 0), near, np.inf)
                 box[hit < distance] = number
                 distance = np.minimum(distance, hit)
-        points = origins + distance[:, None] * rays
-        off = np.abs(points[:, None] - self._boxes[box])  # (N, low or high, axis)
-        side = off.reshape(len(rays), 6).argmin(axis=1)
+        points = (starts + distance * ways).T
+        side, least = np.zeros(len(rays), int), np.full(len(rays), np.inf)
+        for number in range(6):  # low, then high along each axis
+            edge = self._boxes[:, number // 3, number % 3]
+            off = np.abs(points[:, number % 3] - edge[box])
+            side[off < least] = number
+            np.minimum(least, off, out=least)
         axis = side % 3
         across = np.stack([np.where(axis == 0, points[:, 1], points[:, 0]),
                            np.where(axis == 2, points[:, 1], points[:, 2])], axis=1)  # fmt: skip

@@ -38,7 +38,8 @@ def map_connected(mapping: Mapping) -> Mapping:
         plain = compare_halves(plain)
     off = _measure_halves(plain)
     is_weak = off > UNUSABLE
-    more = add_learned_features(mapping, absent) if is_weak or absent.any() else None
+    wanted = absent & np.array([len(each) > 0 for each in mapping.features])  # those that were read
+    more = add_learned_features(mapping, wanted) if is_weak or wanted.any() else None
     if more is not None:
         after, notes[:] = list(notes), before
         with contextlib.suppress(SolveError):

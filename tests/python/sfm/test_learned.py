@@ -196,6 +196,17 @@ def test_learned_features_are_not_tried_where_sift_connects_images_that_have_no_
         connection.map_connected(mapping)
 
 
+def test_learned_features_are_not_tried_for_an_image_that_could_not_be_read(monkeypatch):
+    scene = Synthetic(np.random.default_rng(1), points=200)
+    mapping = scene.mapping(PosesOptions(), pairs=scene.verified()).add_findings({"lens": "known"})
+    features = [*mapping.features[:-1], make_no_features()]
+    pairs = [pair for pair in mapping.pairs if pair.second < len(features) - 1]
+    monkeypatch.setattr(connection, "register_left_out", lambda run: run)
+    monkeypatch.setattr(connection, "add_learned_features", lambda *_: pytest.fail("tried"))
+    found = connection.map_connected(mapping.replace(features=features, pairs=pairs))
+    assert found.solved.registered.sum() == len(features) - 1
+
+
 def test_images_left_out_are_matched_with_their_likeliest_partners(rng):
     pairs = np.stack(np.triu_indices(30, 1), axis=1)
     counts = rng.permutation(len(pairs))
