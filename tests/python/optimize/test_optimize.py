@@ -7,7 +7,7 @@ import pytest
 
 import tolerances
 from gsut import Gaussians, InputError, _core
-from gsut.machine import set_isa
+from gsut.machine import available_isas, set_isa
 from gsut.optimize import GaussianOptimizer, densify_adaptive, densify_mcmc
 from gsut.optimize.optimizer import LearningRates
 from random_scenes import assert_same, central_differences, list_isas, random_gaussians
@@ -32,35 +32,51 @@ def sigmoid(x):
 # --- Adam ------------------------------------------------------------------------
 
 
-def test_adam_over_many_steps_matches_float64_oracle(rng):
-    g = random_gaussians(rng, 300, 9)
-    optimizer = GaussianOptimizer(g, capacity=400)
+# Rows of none, one, a few and many vectors and chunks; harmonics that are stepped, of 16.
+@pytest.mark.parametrize(
+    ("rows", "degree", "is_sparse", "steps"),
+    [(300, 3, True, 30), (0, 3, True, 1), (1, 3, False, 2), (15, 0, False, 2), (16, 1, True, 2),
+     (17, 2, False, 2), (1000, 0, True, 2), (7001, 3, False, 2)],
+)  # fmt: skip
+def test_adam_matches_float64_oracle_with_the_same_bits_on_every_instruction_set(
+    rng, rows, degree, is_sparse, steps
+):
+    g, active = random_gaussians(rng, rows, 16), (degree + 1) ** 2
     rates = {"means": 1e-3, "quats": 2e-3, "log_scales": 1e-2, "opacity_logits": 5e-2}
-    sh_rate = np.full((9, 3), RATES.sh_rest)
-    sh_rate[0] = RATES.sh0
+    rates["sh"] = np.where(np.arange(16)[:, None] < 1, RATES.sh0, RATES.sh_rest)
+    rates["sh"] = rates["sh"] * (np.arange(16)[:, None] < active)
     params = {name: getattr(g, name).astype(np.float64) for name in FIELDS}
     moment1 = {name: np.zeros_like(params[name]) for name in FIELDS}
     moment2 = {name: np.zeros_like(params[name]) for name in FIELDS}
     total = {name: np.zeros_like(params[name]) for name in FIELDS}
-    for step in range(1, 31):
-        grads = random_gaussians(rng, 300, 9)
-        visible = rng.random(300) < 0.6
-        optimizer.step(grads, RATES, visible)
+    optimizers = {isa: GaussianOptimizer(g) for isa in available_isas()}
+    for step in range(1, steps + 1):
+        grads = random_gaussians(rng, rows, 16)
+        for name in FIELDS:  # of all sizes
+            scale = 10 ** rng.uniform(-9, 1, getattr(grads, name).shape) if rows != 300 else 1
+            getattr(grads, name)[...] *= scale
+        visible = rng.random(rows) < 0.6 if is_sparse else None
+        for isa, optimizer in optimizers.items():
+            set_isa(isa)
+            optimizer.step(grads, RATES, visible, degree)
         for name in FIELDS:
             gradient = getattr(grads, name).astype(np.float64)
-            seen = visible.reshape(-1, *[1] * (gradient.ndim - 1))
+            seen = np.ones(rows, bool) if visible is None else visible
+            seen = seen.reshape(-1, *[1] * (gradient.ndim - 1))
             m = 0.9 * moment1[name] + 0.1 * gradient
             v = 0.999 * moment2[name] + 0.001 * gradient**2
-            rate = sh_rate if name == "sh" else rates[name]
-            update = rate * m / (1 - 0.9**step) / (np.sqrt(v / (1 - 0.999**step)) + 1e-15)
+            update = rates[name] * m / (1 - 0.9**step) / (np.sqrt(v / (1 - 0.999**step)) + 1e-15)
             moment1[name] = np.where(seen, m, moment1[name])
             moment2[name] = np.where(seen, v, moment2[name])
             params[name] -= np.where(seen, update, 0)
             total[name] += np.where(seen, np.abs(update), 0)
+    first, *others = (optimizer.state_dict() for optimizer in optimizers.values())
+    for other in others:
+        assert_same_state(first, other)
     for name in FIELDS:
-        found = getattr(optimizer.gaussians, name)
+        found = first[f"params.{name}"]
         allowed = tolerances.ADAM_RELATIVE * total[name]
-        allowed = allowed + 30 * tolerances.FLOAT32 * (np.abs(params[name]) + total[name])
+        allowed = allowed + steps * tolerances.FLOAT32 * (np.abs(params[name]) + total[name])
         assert np.all(np.abs(found - params[name]) <= allowed), name
 
 

@@ -4,10 +4,11 @@ import cv2
 import numpy as np
 import pytest
 
+import gsut
 import tolerances
 from gsut import InputError, _core, metrics, set_num_threads
 from gsut.machine import set_isa
-from random_scenes import list_isas
+from random_scenes import list_isas, relative_error
 
 pytestmark = pytest.mark.quick
 
@@ -73,6 +74,93 @@ def test_loss_of_two_greys_has_the_closed_form_and_of_equal_images_is_zero(rule)
     made = _core.PhotometricTarget(same, circle(), window_rule=rule)
     loss, gradient = _core.photometric_loss(made, same)
     assert loss == 0 and not gradient.any()
+
+
+def make_case(rng, height, width, kind, noise=0.1):
+    """A smooth target of 8 bits with texture, an image off by noise; a mask or None."""
+    y, x, channel = np.indices((height, width, 3))
+    smooth = 0.5 + 0.4 * np.sin(0.07 * x + 0.3 * channel) * np.cos(0.05 * y)
+    texture = rng.uniform(-0.1, 0.1, smooth.shape)
+    target = (np.round(255 * np.clip(smooth + texture, 0, 1)) / 255).astype(np.float32)
+    image = (target + noise * rng.standard_normal(target.shape)).astype(np.float32)
+    if kind == "none":
+        return target, image, None
+    mask = np.zeros((height, width), bool)
+    if kind == "circle":
+        mask |= np.hypot((y + 0.5) / height - 0.5, (x + 0.5) / width - 0.5)[..., 0] < 0.48
+    if kind == "random":
+        mask |= rng.random((height, width)) < 0.8
+    mask.flat[height * width // 2] = True
+    return target, image, mask
+
+
+@pytest.mark.parametrize("rule", ["partial", "valid"])
+@pytest.mark.parametrize("kind", ["none", "random", "circle"])
+@pytest.mark.parametrize("size", [(16, 14), (4, 9)])
+def test_gradient_of_the_reference_matches_central_differences(rng, size, kind, rule):
+    target, image, mask = make_case(rng, *size, kind)
+    target, image, step = target.astype(float), image.astype(float), tolerances.LOSS_STEP
+
+    def loss():
+        return _core.photometric_loss_reference(target, image, mask, 0.6, rule)
+
+    gradient = loss()[1]
+    chosen = np.flatnonzero(np.abs(image - target).ravel() > 10 * step)[::5]  # not the kink of L1
+    differences = []
+    for index in chosen:
+        kept, sides = image.flat[index], []
+        for sign in (1, -1):
+            image.flat[index] = kept + sign * step
+            sides.append(loss()[0])
+        image.flat[index] = kept
+        differences.append((sides[0] - sides[1]) / (2 * step))
+    assert len(chosen) > 15
+    assert relative_error(gradient.flat[chosen], differences) < tolerances.LOSS_DIFFERENCES
+
+
+@pytest.mark.parametrize("rule", ["partial", "valid"])
+@pytest.mark.parametrize("kind", ["none", "circle", "random", "one pixel"])
+def test_every_instruction_set_matches_the_reference(rng, kind, rule):
+    sizes = ((1, 1), (5, 7), (11, 11), (12, 30), (67, 29), (70, 530), (40, 40))
+    for height, width in sizes:
+        target, image, mask = make_case(rng, height, width, kind, 1e-3 if height == 40 else 0.1)
+        reference, expected = _core.photometric_loss_reference(
+            target.astype(float), image.astype(float), mask, 0.2, rule
+        )
+        for isa in gsut.machine.available_isas():
+            set_isa(isa)
+            made = _core.PhotometricTarget(target, mask, window_rule=rule)
+            loss, gradient = _core.photometric_loss(made, image, ssim_weight=0.2)
+            windows = (height - 10) * (width - 10) if rule == "valid" else made.pixels
+            many = min(windows, made.pixels) >= tolerances.LOSS_MANY_PIXELS
+            single = tolerances.LOSS_SINGLE_WINDOW
+            assert abs(loss / reference - 1) < (tolerances.LOSS_RELATIVE if many else single)
+            error = relative_error(gradient, expected)
+            assert error < (tolerances.LOSS_GRADIENT_RELATIVE if many else single), (isa, width)
+            assert made.value(image, ssim_weight=0.2)[0] == loss
+
+
+def test_loss_has_the_same_bits_on_any_number_of_threads_and_with_kept_statistics(rng):
+    target, image, mask = make_case(rng, 150, 600, "circle")
+    found = []
+    for threads in (1, 2, 8):
+        set_num_threads(threads)
+        for keep in (False, True):
+            photograph = np.round(255 * target).astype(np.uint8)
+            made = _core.PhotometricTarget(photograph, mask, keep_statistics=keep)
+            loss, gradient = _core.photometric_loss(made, image)
+            found.append((loss, gradient.tobytes()))
+    assert len(found) == 6 and len(set(found)) == 1
+
+
+def test_pixels_without_the_mask_may_hold_anything_and_get_no_gradient(rng):
+    target, image, mask = make_case(rng, 60, 50, "circle")
+    loss, clean = _core.photometric_loss(_core.PhotometricTarget(target, mask), image)
+    target[~mask] = image[~mask] = np.nan
+    again, found = _core.photometric_loss(_core.PhotometricTarget(target, mask), image)
+    assert (~mask).sum() > 100 and not clean[~mask].any()
+    assert loss == again
+    np.testing.assert_array_equal(found, clean)
 
 
 def test_loss_gradient_is_written_into_the_given_buffer(pair):
