@@ -1,5 +1,6 @@
 """Small videos with known motion, and files whose boxes are changed by hand."""
 
+import functools
 import struct
 from collections.abc import Callable, Iterable, Sequence
 from fractions import Fraction
@@ -12,11 +13,14 @@ import numpy as np
 WIDTH, HEIGHT = 320, 240
 
 
+@functools.cache
 def texture(size: int = 1400) -> np.ndarray:
     """A picture with corners everywhere, to look at a part of."""
     rng = np.random.default_rng(5)
     small = rng.integers(0, 255, (size // 8, size // 8, 3), np.uint8)
-    return cv2.resize(small, (size, size), interpolation=cv2.INTER_CUBIC)
+    ground = cv2.resize(small, (size, size), interpolation=cv2.INTER_CUBIC)
+    ground.setflags(write=False)
+    return ground
 
 
 def view(ground: np.ndarray, x: float, y: float = 100.0, blur: float = 0.0) -> np.ndarray:

@@ -19,6 +19,7 @@ from gsut.judge import (
     Dataset,
     Matches,
     Structure,
+    compute_cross_products,
     compute_readout_poses,
     find_readout_moments,
     measure_angular_errors,
@@ -309,7 +310,8 @@ def triangulate_distances(rays: np.ndarray, poses: np.ndarray) -> tuple[np.ndarr
     """
     one, two = np.einsum("smij,smj->smi", poses[..., :3, :3], rays)
     base = poses[1, :, :3, 3] - poses[0, :, :3, 3]
-    sine = np.linalg.norm(np.cross(one, two), axis=1)
+    sine = np.linalg.norm(compute_cross_products(one, two), axis=1)
     with np.errstate(divide="ignore", invalid="ignore"):
-        across = [np.linalg.norm(np.cross(base, ray), axis=1) / sine for ray in (two, one)]
+        sides = [compute_cross_products(base, ray) for ray in (two, one)]
+        across = [np.linalg.norm(side, axis=1) / sine for side in sides]
     return np.array(across), sine

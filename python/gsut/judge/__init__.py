@@ -3,6 +3,7 @@
 from gsut.judge.epipolar import (
     MOMENTS,
     TINY,
+    compute_cross_products,
     compute_readout_poses,
     find_readout_moments,
     measure_angular_errors,
@@ -38,6 +39,7 @@ __all__ = [
     "Preference",
     "Structure",
     "Variant",
+    "compute_cross_products",
     "compute_readout_poses",
     "estimate_share",
     "find_best_variants",

@@ -57,7 +57,7 @@ def measure_angular_errors(rays: np.ndarray, world_from_camera: np.ndarray) -> n
     base = world_from_camera[1, :, :3, 3] - world_from_camera[0, :, :3, 3]
     length = np.linalg.norm(base, axis=1)
     base = base / np.maximum(length, TINY)[:, None]
-    first, second = _cross(base, one), _cross(base, two)
+    first, second = compute_cross_products(base, one), compute_cross_products(base, two)
     sizes = [np.sqrt(np.einsum("mi,mi->m", normal, normal)) for normal in (first, second)]
     across = np.einsum("mi,mi->m", two, first) / np.maximum(np.hypot(*sizes), TINY)
     # Seen from further along the baseline a point lies at a larger angle to it.
@@ -69,13 +69,13 @@ def measure_angular_errors(rays: np.ndarray, world_from_camera: np.ndarray) -> n
     found = np.hypot(across, behind)
     still = length <= TINY
     if still.any():
-        apart = np.linalg.norm(_cross(one[still], two[still]), axis=1)
+        apart = np.linalg.norm(compute_cross_products(one[still], two[still]), axis=1)
         turned = np.arctan2(apart, np.einsum("mi,mi->m", one[still], two[still]))
         found[still] = turned / np.sqrt(2)
     return found
 
 
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def compute_cross_products(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Returns the cross product of (M, 3), several times faster than np.cross for few rows."""
     x, y, z = a.T
     u, v, w = b.T

@@ -137,6 +137,12 @@ LENSES = {
 }
 
 
+@pytest.fixture(autouse=True)
+def one_shuffle(monkeypatch):
+    """What chance explains is another test's subject (test_chance.py): one shuffle will do here."""
+    monkeypatch.setattr("gsut.check.agreement._SHUFFLES", 1)
+
+
 @pytest.fixture(scope="module")
 def walk():
     poses = make_walk()

@@ -13,7 +13,8 @@ from box_room import BoxRoom
 from gsut.data import Frame, write_transforms
 from gsut.data.poses import find_centers
 from gsut.sfm import PosesOptions, find_poses
-from gsut.sfm.world import find_control
+from gsut.sfm.mapping import PosesLog
+from gsut.sfm.world import find_control, place_by_control
 
 CAMERA = gsut.Camera("pinhole", [250.0, 250.0, 200.0, 150.0], 400, 300)
 GRID = np.array([432000.0, 5412000.0, 300.0])  # the room's corner in the grid of a country
@@ -74,10 +75,28 @@ def wall(tmp_path_factory):
     return folder
 
 
-def test_poses_with_control_points_are_in_their_world(wall, tmp_path):
-    file = write_control(tmp_path / "control.csv", list_rows())
-    result = find_poses(wall, tmp_path / "out", options=PosesOptions(control=file))
-    figures = json.loads((tmp_path / "out" / "poses.json").read_text())["control"]
+@pytest.fixture(scope="module")
+def placed(wall, tmp_path_factory):
+    """Poses in the world of the control points, and the run before it was placed there."""
+    folder, before = tmp_path_factory.mktemp("placed"), []
+    options = PosesOptions(control=write_control(folder / "control.csv", list_rows()))
+    with pytest.MonkeyPatch.context() as patch:
+        place = lambda mapping: before.append(mapping) or place_by_control(mapping)  # noqa: E731
+        patch.setattr("gsut.sfm.pipeline.place_by_control", place)
+        return find_poses(wall, folder / "out", options=options), before[0]
+
+
+def place_by(mapping, file, rows):
+    """Places a run by other rows; returns its figures of control points, and its notes."""
+    notes = []
+    options = PosesOptions(control=write_control(file, rows))
+    mapping = mapping.replace(options=options, log=PosesLog(on_note=notes.append))
+    return place_by_control(mapping).found.figures["control"], notes
+
+
+def test_poses_with_control_points_are_in_their_world(placed):
+    result, _ = placed
+    figures = json.loads((result.path / "poses.json").read_text())["control"]
     rows = {row["name"]: row for row in figures["points"]}
     assert sorted(rows) == sorted(SURVEYED) and figures["in_adjustment"]
     assert [name for name in rows if rows[name]["use"] == "check"] == list(CHECKS)
@@ -93,19 +112,17 @@ def test_poses_with_control_points_are_in_their_world(wall, tmp_path):
     assert np.linalg.norm(checks, axis=1).max() < tolerances.CONTROL_CHECK
 
 
-def test_control_points_take_part_in_the_adjustment(wall, tmp_path):
+def test_control_points_take_part_in_the_adjustment(placed, tmp_path):
     # One point's stated place is moved by more than its sigma: the adjustment distributes what a
     # similarity alone leaves.
-    options = PosesOptions(control=write_control(tmp_path / "control.csv", list_rows(noise=0.0)))
-    exact = find_poses(wall, tmp_path / "exact", options=options).figures["control"]
+    exact, _ = place_by(placed[1], tmp_path / "control.csv", list_rows(noise=0.0))
     rows = [row.replace(",302.9,", ",302.93,") for row in list_rows(0.0)]
-    options = PosesOptions(control=write_control(tmp_path / "moved.csv", rows))
-    moved = find_poses(wall, tmp_path / "moved", options=options)
-    by_name = {row["name"]: row for row in moved.figures["control"]["points"]}
+    moved, notes = place_by(placed[1], tmp_path / "moved.csv", rows)
+    by_name = {row["name"]: row for row in moved["points"]}
     worst = max(np.linalg.norm(row["residual"]) for row in exact["points"])
     assert worst < tolerances.CONTROL_CHECK
     assert abs(by_name["B"]["residual"][2]) > 3 * SIGMA
-    assert any("standard deviations off" in note for note in moved.figures["notes"])
+    assert any("standard deviations off" in note for note in notes)
 
 
 BAD = {
@@ -135,12 +152,11 @@ def test_control_file_that_is_wrong_is_refused_in_one_sentence(case, tmp_path):
     assert str(caught.value).startswith(file) and "\n" not in str(caught.value)
 
 
-def test_control_points_with_swapped_axes_are_refused(wall, tmp_path):
+def test_control_points_with_swapped_axes_are_refused(placed, tmp_path):
     swapped = []
     for row in list_rows():
         cells = row.split(",")
         cells[2], cells[3] = cells[3], cells[2]
         swapped.append(",".join(cells))
-    file = write_control(tmp_path / "control.csv", swapped)
     with pytest.raises(gsut.InputError, match="x and y are exchanged"):
-        find_poses(wall, tmp_path / "out", options=PosesOptions(control=file))
+        place_by(placed[1], tmp_path / "control.csv", swapped)
