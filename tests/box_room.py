@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import json
 import math
 from pathlib import Path
@@ -28,19 +29,24 @@ _TEXEL = 0.012  # metres
 _SAMPLES = 3  # a side of a pixel
 
 
+@functools.cache
+def _draw_textures(seed: int, boxes: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Draws a texture, and of each side of each box its tint and place in the texture."""
+    rng = np.random.default_rng(seed)
+    noise = np.zeros((_TEXELS, _TEXELS, 3))
+    for cells in (12, 32, 80, 160):
+        coarse = rng.uniform(-1, 1, (cells, cells, 3)).astype(np.float32)
+        noise += cv2.resize(coarse, (_TEXELS, _TEXELS), interpolation=cv2.INTER_CUBIC)
+    tints = rng.uniform(0.25, 0.75, (boxes, 6, 3))
+    return noise / 2.5, tints, rng.integers(0, _TEXELS, (boxes, 6, 2))
+
+
 class BoxRoom:
     """The room with textures drawn from a seed."""
 
     def __init__(self, seed: int = 0) -> None:
-        rng = np.random.default_rng(seed)
         self._boxes = np.array([ROOM, *_THINGS])
-        noise = np.zeros((_TEXELS, _TEXELS, 3))
-        for cells in (12, 32, 80, 160):
-            coarse = rng.uniform(-1, 1, (cells, cells, 3)).astype(np.float32)
-            noise += cv2.resize(coarse, (_TEXELS, _TEXELS), interpolation=cv2.INTER_CUBIC)
-        self._texture = noise / 2.5
-        self._tints = rng.uniform(0.25, 0.75, (len(self._boxes), 6, 3))
-        self._shifts = rng.integers(0, _TEXELS, (len(self._boxes), 6, 2))
+        self._texture, self._tints, self._shifts = _draw_textures(seed, len(self._boxes))
 
     def trace(self, origins: np.ndarray, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Finds distances (N,) in metres and colours (N, 3) in 0 to 1 along unit rays (N, 3)."""

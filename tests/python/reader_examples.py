@@ -230,7 +230,8 @@ def list_rays() -> np.ndarray:
 
 
 def write_table(file: Path) -> None:
-    np.savetxt(file, list_rays(), header="width: 128\nheight: 96", delimiter=",")
+    header = "width: 128\nheight: 96\nmodel: kannala_brandt"  # table.npz names none: all are tried
+    np.savetxt(file, list_rays(), header=header, delimiter=",")
 
 
 def write_arrays(file: Path) -> None:

@@ -13,15 +13,15 @@ from gsut.metrics import psnr
 def photograph():
     """Lines and patches of all sizes below a plain sky."""
     rng = np.random.default_rng(3)
-    image = np.full((600, 800, 3), 150, np.uint8)
-    for _ in range(1500):
-        x, y, w, h = (*rng.integers((0, 200), (780, 580)), *rng.integers(4, 40, 2))
+    image = np.full((300, 400, 3), 150, np.uint8)
+    for _ in range(375):
+        x, y, w, h = (*rng.integers((0, 100), (380, 280)), *rng.integers(4, 40, 2))
         shade = tuple(int(value) for value in rng.integers(0, 255, 3))
         cv2.rectangle(image, (int(x), int(y)), (int(x + w), int(y + h)), shade, -1)
     return image
 
 
-ALL = np.ones((600, 800), bool)
+ALL = np.ones((300, 400), bool)
 
 
 def measure(photograph, image):
@@ -32,7 +32,7 @@ def test_detail_falls_with_blur_and_shift_not_with_brightness_or_fog(photograph)
     true = photograph / np.float32(255)
     blurred = [measure(photograph, cv2.GaussianBlur(true, (0, 0), s)) for s in (0.7, 1.5, 3, 6)]
     shifted = [measure(photograph, np.roll(true, d, axis=1)) for d in (1, 2, 4)]
-    fog = cv2.resize(np.random.default_rng(4).normal(0, 0.15, (4, 5)).astype("f4"), (800, 600))
+    fog = cv2.resize(np.random.default_rng(4).normal(0, 0.15, (4, 5)).astype("f4"), (400, 300))
     print("blur", blurred, "shift", shifted)
     assert measure(photograph, true) == 1.0
     assert blurred == sorted(blurred, reverse=True) and shifted == sorted(shifted, reverse=True)
@@ -45,8 +45,8 @@ def test_detail_falls_with_blur_and_shift_not_with_brightness_or_fog(photograph)
 
 def test_detail_counts_what_the_mask_keeps_and_pictures_without_any(photograph):
     half = photograph / np.float32(255)
-    half[:, 400:] = 0.5
-    left = np.broadcast_to(np.arange(800) < 400, ALL.shape)
+    half[:, 200:] = 0.5
+    left = np.broadcast_to(np.arange(400) < 200, ALL.shape)
     assert measure_detail(photograph, half, left) == 1.0
     assert measure_detail(photograph, half, ALL) < GOOD
     plain = np.full_like(photograph, 90)
@@ -69,7 +69,7 @@ def test_shift_brings_back_detail_of_a_turned_camera_and_none_of_a_blurred_or_sp
     for name, image in {
         "shifted": np.roll(true, (3, -5), axis=(0, 1)),
         "blurred": cv2.GaussianBlur(true, (0, 0), 3),
-        "half of it gone": np.where(ALL[..., None] & (np.arange(800)[:, None] < 400), true, 0.5),
+        "half of it gone": np.where(ALL[..., None] & (np.arange(400)[:, None] < 200), true, 0.5),
         "right": true,
     }.items():
         image = image.astype(np.float32)
@@ -91,11 +91,11 @@ def test_detail_under_a_veil_is_lost_and_of_a_darker_picture_is_not(photograph):
 def test_wrong_patch_is_found_where_somebody_is_fog_and_nowhere_else(photograph):
     true = photograph / np.float32(255)
     ghost = true.copy()
-    ghost[300:500, 350:450] = 0.2 * ghost[300:500, 350:450] + 0.4
+    ghost[150:250, 175:225] = 0.2 * ghost[150:250, 175:225] + 0.4
     plain, _, where, outside = measure_details(photograph, ghost, ALL)
     assert outside > plain
     share = where.mean()
-    area = 200 * 100 / ALL.size
+    area = 100 * 50 / ALL.size
     assert 0.5 * area < share < 2 * area
     for image in (true, cv2.GaussianBlur(true, (0, 0), 3)):
         assert not measure_details(photograph, image, ALL)[2].any()

@@ -79,7 +79,9 @@ def wall(tmp_path_factory):
 def placed(wall, tmp_path_factory):
     """Poses in the world of the control points, and the run before it was placed there."""
     folder, before = tmp_path_factory.mktemp("placed"), []
-    options = PosesOptions(control=write_control(folder / "control.csv", list_rows()))
+    options = PosesOptions(
+        control=write_control(folder / "control.csv", list_rows()), max_features=1500
+    )
     with pytest.MonkeyPatch.context() as patch:
         place = lambda mapping: before.append(mapping) or place_by_control(mapping)  # noqa: E731
         patch.setattr("gsut.sfm.pipeline.place_by_control", place)

@@ -110,7 +110,9 @@ def test_markers_of_a_picture_are_found_with_their_corners_in_order(wall):
 
 def test_poses_with_markers_are_in_metres(wall, tmp_path):
     folder, centers = wall
-    result = find_poses(folder, tmp_path / "out", options=PosesOptions(marker=EDGE))
+    result = find_poses(
+        folder, tmp_path / "out", options=PosesOptions(marker=EDGE, max_features=800)
+    )
     poses = result.solution.camera_from_world
     found = -np.einsum("nji,nj->ni", poses[:, :3, :3], poses[:, :3, 3])
     length = np.linalg.norm(found[-1] - found[0])
@@ -124,7 +126,7 @@ def test_poses_with_markers_are_in_metres(wall, tmp_path):
 
 def test_markers_on_the_ground_are_its_frame(tmp_path):
     true = write_pictures(tmp_path, MarkerRoom(is_floor=True), look_at_the_floor)
-    mapping = start_mapping(tmp_path, None, PosesOptions(marker=EDGE), None)
+    mapping = start_mapping(tmp_path, None, PosesOptions(marker=EDGE, max_features=800), None)
     held = dict.fromkeys(mapping.photographs.names, 1)  # as of a capture: upright
     photographs = dataclasses.replace(mapping.photographs, orientations=held)
     photographs = mapping.replace(photographs=photographs)
@@ -147,7 +149,7 @@ def test_markers_that_few_photographs_show_are_found(wall, tmp_path):
         image = cv2.imread(str(folder / "images" / f"{number % 8}.png"))
         image = image if number in (7, 8) else image[:40]
         cv2.imwrite(str(tmp_path / "images" / f"{number:02}.png"), image)
-    mapping = start_mapping(tmp_path, None, PosesOptions(marker=EDGE), None)
+    mapping = start_mapping(tmp_path, None, PosesOptions(marker=EDGE, max_features=800), None)
     nothing = Features(*(np.zeros((1, n), np.uint8) for n in (2, 1, 128, 3)))
     nothing = dataclasses.replace(nothing, sizes=np.zeros(1, np.float32))
     found = add_markers(mapping.replace(features=[nothing] * 36))
@@ -164,4 +166,4 @@ def test_option_for_markers_without_any_says_what_was_sought(wall, tmp_path):
         image = cv2.imread(str(file))
         cv2.imwrite(str(plain / "images" / file.name), image[:40])
     with pytest.raises(gsut.InputError, match="no marker is seen in two of 8 photographs"):
-        find_poses(plain, tmp_path / "out", options=PosesOptions(marker=EDGE))
+        find_poses(plain, tmp_path / "out", options=PosesOptions(marker=EDGE, max_features=800))
