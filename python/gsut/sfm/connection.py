@@ -15,7 +15,7 @@ from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import are_connected, explain_failure, require_overlap
 from gsut.sfm.rig import solve_rig
 from gsut.sfm.solution import measure_diagonal, solve_poses
-from gsut.sfm.starts import compare_halves, register_left_out, try_other_starts
+from gsut.sfm.starts import measure_halves, register_left_out, try_other_starts
 
 
 def map_connected(mapping: Mapping) -> Mapping:
@@ -34,9 +34,9 @@ def map_connected(mapping: Mapping) -> Mapping:
         if are_connected(mapping.pairs, len(absent)):
             raise
         failure = error
-    if failure is None and len(absent) <= A_FEW:
-        plain = compare_halves(plain)
-    off = _measure_halves(plain)
+    off = 0.0
+    if failure is None and len(absent) <= A_FEW and _measure_spread(plain, 1) > UNUSABLE:
+        off = _measure_spread(plain)  # one draw of the halves suffices where it is small
     is_weak = off > UNUSABLE
     wanted = absent & np.array([len(each) > 0 for each in mapping.features])  # those that were read
     more = add_learned_features(mapping, wanted) if is_weak or wanted.any() else None
@@ -47,8 +47,7 @@ def map_connected(mapping: Mapping) -> Mapping:
             if is_weak and not joined.solved.registered.all():
                 joined = register_left_out(try_other_starts(joined))
             gained = joined.solved.num_registered - np.count_nonzero(~absent)
-            joined = compare_halves(joined) if is_weak and gained == 0 else joined
-            if gained > 0 or (is_weak and gained == 0 and _measure_halves(joined) < off):
+            if gained > 0 or (is_weak and gained == 0 and _measure_spread(joined) < off):
                 found = np.flatnonzero(absent & joined.solved.registered)
                 names = [mapping.photographs.names[i] for i in found]
                 did = f"connected {list_some(names)}" if names else "hold the poses, SIFT's did not"
@@ -61,9 +60,9 @@ def map_connected(mapping: Mapping) -> Mapping:
     return plain
 
 
-def _measure_halves(mapping: Mapping) -> float:
+def _measure_spread(mapping: Mapping, *most_draws: int) -> float:
     """Measures by what share of the diagonal nine in ten pairs of images stay apart in halves."""
-    halves = mapping.found.halves_px
+    halves = measure_halves(mapping, *most_draws)
     return 0.0 if halves is None else halves[0] / measure_diagonal(mapping.solved.cameras)
 
 

@@ -168,16 +168,22 @@ def test_without_the_weights_a_note_names_the_command(monkeypatch):
 
 @pytest.mark.parametrize(
     ("halves", "is_used"),
-    [((0.05, 0.001), True), ((0.05, 0.06), False), ((0.01, 0.001), False)],
-    ids=["better", "worse", "not needed"],
+    [
+        ((0.05, 0.05, 0.001), True),
+        ((0.05, 0.05, 0.06), False),
+        ((0.01,), False),
+        ((0.05, 0.01), False),
+    ],
+    ids=["better", "worse", "not needed", "needed by the first draw alone"],
 )
 def test_learned_features_join_where_sift_holds_poses_badly(halves, is_used, monkeypatch):
     scene = Synthetic(np.random.default_rng(1), points=200)
     mapping = scene.mapping(PosesOptions(), pairs=scene.verified()).add_findings({"lens": "known"})
     measured = iter(halves)
-    monkeypatch.setattr(connection, "_measure_halves", lambda _: next(measured))
+    monkeypatch.setattr(connection, "_measure_spread", lambda *_: next(measured))
     monkeypatch.setattr(connection, "add_learned_features", lambda run, absent: run)
     found = connection.map_connected(mapping)
+    assert next(measured, None) is None
     assert found.solved.registered.all()
     assert ("learned" in found.found.figures) == is_used
     assert any("XFeat" in note for note in found.log.notes) == is_used

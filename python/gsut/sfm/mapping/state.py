@@ -66,7 +66,6 @@ class Findings:
             determined; None: the lens was known.
         halves_px: half of the difference of poses adjusted with either half of the points: pixels
             that nine and six in ten pairs of images stay below; None: not measured.
-        halves_of: the solution that `halves_px` was measured of.
         focal_gap: relative difference of the focal length that the photographs determine from that
             of a given lens, where it contradicts the lens beyond doubt; 0: none.
         motion: why the motion or the scene leaves the lens open, as a sentence, or None.
@@ -80,7 +79,6 @@ class Findings:
     look_alikes: LookAlikes | None = None
     focal_sigma: float | None = None
     halves_px: tuple[float, float] | None = None
-    halves_of: Solution | None = None
     focal_gap: float = 0.0
     motion: str | None = None
     figures: dict[str, Any] = dataclasses.field(default_factory=dict)

@@ -37,21 +37,29 @@ HALF_INLIERS = MIN_INLIERS // 2
 
 
 def compare_halves(mapping: Mapping) -> Mapping:
-    """Adds to the findings half of the difference of poses adjusted with either half of the points.
+    """Adds `measure_halves` to the findings, where they can be measured."""
+    halves = measure_halves(mapping)
+    return mapping if halves is None else mapping.add_findings(halves_px=halves)
+
+
+def measure_halves(mapping: Mapping, most_draws: int = _IMAGES_DRAWN) -> tuple[float, float] | None:
+    """Measures half of the difference of poses adjusted with either half of the points.
 
     It shows what points do not share: wrong matches, and too few of them to hold a pose. An error
     that they share, of the lens or the shutter, is in both; the lens, and velocities during a
-    readout, are held. Few images are dealt several times. Does nothing for a rig, without points,
-    or where they were compared already. Infinite where halves hold no poses.
+    readout, are held. Few images are dealt several times, at most `most_draws`.
+
+    Returns:
+        Pixels that nine and six in ten pairs of images stay below, infinite where halves hold no
+        poses; None for a rig, or without points.
     """
     solution = mapping.solved
-    is_known = mapping.found.halves_of is solution
-    if mapping.rig is not None or not len(solution.points) or is_known:
-        return mapping
-    draws = -(-_IMAGES_DRAWN // int(np.count_nonzero(solution.registered)))
+    if mapping.rig is not None or not len(solution.points):
+        return None
+    draws = min(-(-_IMAGES_DRAWN // int(np.count_nonzero(solution.registered))), most_draws)
     differences = np.concatenate([_draw_differences(mapping, seed) for seed in range(draws)])
     good, usable = 0.5 * np.quantile(differences, _SHARES, method="higher")
-    return mapping.add_findings(halves_px=(float(good), float(usable)), halves_of=solution)
+    return float(good), float(usable)
 
 
 def _draw_differences(mapping: Mapping, seed: int) -> np.ndarray:
