@@ -35,6 +35,8 @@ JUMPING_JACOBIAN = 3e-5
 # Pixels below 1e4 against pycolmap, libmrcal, cv2.omnidir and long double; a division lens behind
 # the camera, where the oracle's own formula cancels, is the worst: 9.8e-11
 LENS_ORACLE_PIXELS = 2e-10
+# Doubles of size 4000 through mrcal's formula in another order; worst 1.9e-12
+LENS_MRCAL_PIXELS = 3.8e-12
 LENS_ORACLE_RELATIVE = 1e-12  # two lenses that are one, pixels of any size; see above
 PANORAMA_RAYS = 1e-15  # unit rays through a sine and a cosine: a few units in the last place
 LENS_RENDER_RMS = 1e-5  # what render promises of float32

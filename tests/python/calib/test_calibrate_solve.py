@@ -58,7 +58,7 @@ def test_solve_fisheye_without_noise_recovers_the_lens(rng):
 def test_solve_fisheye_boards_past_ninety_degrees_are_used(rng):
     wide = gsut.Camera("kannala_brandt", [90.0, 91.0, 212.0, 209.0, 0.02, -0.01, 0, 0], 420, 420)
     board = Board(7, 5, 0.03)
-    poses = random_poses(wide, board, 24, 95.0, rng)
+    poses = random_poses(wide, board, 14, 95.0, rng)
     found = solve_by_opencv(see(wide, board, poses, 0.05, rng), board, "fisheye")
     assert np.degrees(found.measure_field_angles(board).max()) > 100.0
     assert found.rms_axis_px == pytest.approx(0.05, rel=tolerances.CALIB_NOISE_RELATIVE)
@@ -125,8 +125,8 @@ def test_trust_lens_with_a_pole_inside_the_boards_is_refused(noisy):
 
 
 def test_cross_validation_prefers_the_lens_that_predicts(noisy):
-    photographs, fisheye = noisy
-    radial = solve_by_opencv(photographs, BOARD, "opencv4")
+    photographs = noisy[0][:10]
+    radial, fisheye = (solve_by_opencv(photographs, BOARD, lens) for lens in ("opencv4", "fisheye"))
     results = [
         hold_out(
             full.lens,

@@ -1,5 +1,6 @@
 """Tests gsut.cameras: every lens against OpenCV and the oracle, derivatives, the Python class."""
 
+import itertools
 import pickle
 
 import cv2
@@ -171,10 +172,16 @@ def test_project_jacobian_is_zero_along_the_ray(camera):
     )
 
 
-def test_project_jacobian_of_invalid_point_is_nan():
-    camera = Camera("pinhole", [100, 100, 50, 50], 100, 100)
-    for jacobian in camera.project_jacobian(np.array([[0, 0, -1.0], [np.nan, 0, 1], [0, 0, 0]])):
-        assert np.isnan(jacobian).all()
+@each_lens
+def test_project_of_hard_points_is_valid_only_with_finite_pixels_and_derivatives(camera):
+    values = (0.0, -0.0, 1.0, -1.0, 1e-300, -1e-300, 1e-8, 1e300, -1e300, np.inf, -np.inf, np.nan)
+    points = np.array(list(itertools.product(values, repeat=3)))
+    pixels, valid = camera.project(points)
+    dpixel_dpoint, dpixel_dparams = camera.project_jacobian(points)
+    assert valid.sum() > 50 and not valid[(points == 0).all(axis=1)].any()
+    np.testing.assert_array_equal(np.asarray(valid), np.isfinite(pixels).all(axis=1))
+    assert np.isfinite(dpixel_dparams[valid]).all()
+    assert np.isnan(dpixel_dpoint[~valid]).all() and np.isnan(dpixel_dparams[~valid]).all()
 
 
 def test_rays_match_unproject_and_are_read_only():

@@ -7,7 +7,7 @@ import calib_fakes  # noqa: F401  # puts calib/ on the path
 import tolerances as tol
 from calib.solve.mrcal_process import ask, has_mrcal
 from gsut import CalibrationError
-from gsut.lens import Camera, load_camera, save_camera
+from gsut.lens import Camera, load_camera, save_camera, spread_pixels
 from lens_cases import examples, polar_grid
 
 # As mrcal 2.2 writes it.
@@ -65,9 +65,32 @@ def test_cahvore_name_without_its_linearity_is_refused(tmp_path, name):
         load_camera(path)
 
 
-@pytest.mark.skipif(
+needs_mrcal = pytest.mark.skipif(
     not has_mrcal(), reason="mrcal is not installed: apt-get install mrcal python3-mrcal"
 )
+
+
+@needs_mrcal
+def test_real_files_and_their_copies_project_in_mrcal_as_in_gsut(shared, tmp_path):
+    files = sorted((shared / "data" / "lenses" / "mrcal").glob("*.cameramodel"))
+    for path in files:
+        camera, copy = load_camera(path), tmp_path / path.name
+        pixels = spread_pixels(camera.width, camera.height).reshape(-1, 2)
+        rays, valid = camera.unproject(pixels)
+        found = camera.project(rays[valid])[0]
+        save_camera(camera, copy)
+        for text in (path.read_text(), copy.read_text()):
+            question = {"do": "project", "model": text, "points": rays[valid].tolist()}
+            expected = np.array(ask(question)["pixels"]) + 0.5
+            assert np.abs(found - expected).max() < tol.LENS_MRCAL_PIXELS, path
+        again = load_camera(copy)
+        assert again == camera
+        np.testing.assert_array_equal(again.extrinsics, camera.extrinsics)
+        assert valid.mean() > 0.5
+    assert len(files) >= 6
+
+
+@needs_mrcal
 def test_written_lenses_project_in_mrcal_as_in_gsut(tmp_path):
     lenses = examples("cahvore", "cahvor", "splined_stereographic", "opencv12", "latlon")
     checked = 0
