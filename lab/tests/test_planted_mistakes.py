@@ -15,7 +15,7 @@ NOT_NAMED = {
 ELSEWHERE = {
     "photographs undistorted, lens not", "distortion left out", "principal point half a pixel off",
     "half of the poses in another world", "scale of half of the poses times 1.5",
-    "scale of the poses drifts to 1.5",
+    "scale of the poses drifts to 1.5", "one pose turned by 30 degrees",
 }  # fmt: skip
 
 

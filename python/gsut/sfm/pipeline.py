@@ -9,6 +9,8 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from gsut import _core
 from gsut._core import Shutter
 from gsut.bounds import name_wrong_kinds
@@ -190,9 +192,13 @@ def _measure_agreement(mapping: Mapping) -> Mapping:
     """Adds to the findings how far matches agree with the poses, and pairs contradict them."""
     solution, pairs = mapping.solved, mapping.pairs
     limit = NOT_GOOD * measure_diagonal(solution.cameras)
+    share, lost = measure_contradiction(solution, mapping.features, pairs, limit)
     return mapping.add_findings(
         agreement=measure_agreement(solution, pairs).share,
-        contradicted=measure_contradiction(solution, mapping.features, pairs, limit),
+        contradicted=share,
+        contradicted_images={
+            solution.names[i]: float(lost[i]) for i in np.argsort(-lost) if lost[i] > 0
+        },
     )
 
 

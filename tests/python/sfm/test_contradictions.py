@@ -49,8 +49,14 @@ def test_pair_contradicts_poses_where_rays_miss_each_other_not_where_they_meet_e
     alike = dataclasses.replace(run.pairs[0], matches=matches)
     pairs = [alike, *run.pairs[1:]]
     assert measure_agreement(run.solved, pairs).rejected.sum() == 1
-    found = measure_contradiction(run.solved, features, pairs, 2.0)
-    assert found == pytest.approx(share / len(pairs))
+    of_pairs, found = measure_contradiction(run.solved, features, pairs, 2.0)
+    assert of_pairs == pytest.approx(share / len(pairs))
+    others = [
+        sum(len(p.matches) for p in pairs[1:] if image in (p.first, p.second)) for image in (0, 1)
+    ]
+    expected = share * len(matches) / (len(matches) + np.array(others))
+    np.testing.assert_allclose(found[:2], expected, rtol=1e-12)
+    assert not found[2:].any()
 
 
 @pytest.fixture

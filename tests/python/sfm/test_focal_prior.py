@@ -8,6 +8,7 @@ import pytest
 
 import tolerances
 from gsut.lens import convert_camera, with_scaled_focal
+from gsut.sfm.lens import prior
 from gsut.sfm.lens.covariance import estimate_focal_spread, estimate_lens_sigmas
 from gsut.sfm.lens.doubt import judge_lens
 from gsut.sfm.lens.prior import find_focal
@@ -116,9 +117,12 @@ def give_lens(flight, factor):
     return run, judge_solution(run.solution, run.features, run.found)
 
 
-@pytest.mark.parametrize(("factor", "word"), [(0.85, "by +1"), (1.2, "by -1")])
-def test_given_lens_of_another_focal_length_is_contradicted(walk, factor, word):
-    run, verdict = give_lens(walk, factor)
+@pytest.mark.parametrize(
+    ("images", "factor", "word"), [(12, 0.85, "by +1"), (12, 1.2, "by -1"), (5, 1.2, "by -1")]
+)
+def test_given_lens_of_another_focal_length_is_contradicted(walk, images, factor, word):
+    some = dataclasses.replace(walk.solution, registered=np.arange(12) < images)
+    run, verdict = give_lens(dataclasses.replace(walk, solution=some), factor)
     row = run.found.figures["given_focal"]
     error = math.log(row["images_px"] / LENS.params[0])
     assert abs(error) < tolerances.FOCAL_SIGMAS * row["images_sigma_percent"] / 100
@@ -144,3 +148,12 @@ def test_given_lens_that_is_right_is_not_contradicted(walk, flight):
 def test_given_lens_that_images_do_not_determine_is_left_alone(flight):
     run, _ = give_lens(flight, 1.05)
     assert run.found.figures["given_focal"]["agrees"] and not run.log.notes
+
+
+@pytest.mark.parametrize(("name", "known"), [("flight", math.log(1.25)), ("walk", 0.03)])
+def test_focal_length_that_a_far_one_could_replace_is_not_determined(
+    name, known, request, monkeypatch
+):
+    monkeypatch.setattr(prior, "estimate_focal_sigma", lambda *_: 0.03)  # of any group left out
+    run, _ = judge(request.getfixturevalue(name))
+    assert run.found.focal_sigma == pytest.approx(known)

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping
 
+from gsut.data import list_some
 from gsut.judge.checks.check import DIAGONAL, GOOD_PX, USABLE_PX, Check, judge
 from gsut.judge.checks.pictures import PICTURE_CHECKS, PictureQuality
 from gsut.judge.preference import MEDIAN_DEVIATION
@@ -12,12 +14,15 @@ from gsut.run import Verdict
 
 # Relative error of the focal length that shifts a picture by GOOD_PX (root mean square).
 FOCAL_LIMIT = 0.02
-# Share of the verified matches that observe one point, below which a given lens is doubted: the
-# right one mostly has more, and a wrong one leaves a third; and below which poses are poor.
+# Share of the verified matches that observe one point, below which a given lens may be the cause of
+# what is wrong; repeated things lower it too.
 _FEW_AGREE = 0.4
-_HARDLY_AGREE = 0.25
 _SOME_LOST = 0.05  # share of the images without a pose above which a result is usable at most
 _MANY_LOST = 0.4  # the same above which it is poor
+# Share of the pairs that poses reject, and of their matches that some image loses with these, above
+# which poses are wrong. Where things repeat, right poses reject pairs, of few matches.
+_PAIRS_REJECTED = 0.05
+_IMAGE_REJECTED = 0.25
 _FEWEST = 6  # images with a pose: with fewer, hardly anything would show that poses are wrong
 # Root mean square turn of images during their readout, in radians, that is more than hands turn a
 # camera: the scene may have bent (Albl et al., "Degeneracies in rolling shutter SfM", ECCV 2016).
@@ -39,10 +44,12 @@ class PosesQuality(PictureQuality):
         median_px: median residual in pixels; diagonal_px: the images' diagonal.
         halves_px: half of the difference of poses adjusted with either half of the points, pixels
             that nine and six in ten pairs of images stay below; 0 if not measured.
-        agreement: share of the matches that observe one point; 1 if not measured.
         focal_gap: relative difference of the focal length that the images determine from that of a
             given lens; 0: none beyond doubt.
+        agreement: share of the matches that observe one point; 1 if not measured.
         contradicted: share of the pairs of images whose matches the poses reject as a whole.
+        contradicted_images: share of each image's matches that are in such pairs, by its name, the
+            largest first.
         focal_sigma: standard deviation of the focal length over it; None: the lens was given.
         readout_turn: root mean square turn of the images during their readout, in radians; None:
             a global shutter.
@@ -59,6 +66,7 @@ class PosesQuality(PictureQuality):
     focal_sigma: float | None
     focal_gap: float = 0.0
     contradicted: float = 0.0
+    contradicted_images: Mapping[str, float] = dataclasses.field(default_factory=dict)
     readout_turn: float | None = None
     motion: str = ""
     look_alikes: str = ""
@@ -72,6 +80,12 @@ class PosesQuality(PictureQuality):
     def lost(self) -> float:
         """Returns the share of the images without a pose."""
         return (self.images - self.registered) / max(1, self.images)
+
+    @property
+    def rejected(self) -> float:
+        """Returns the largest share of an image's matches in rejected pairs, if these are many."""
+        lost = max(self.contradicted_images.values(), default=0.0)
+        return lost if self.contradicted > _PAIRS_REJECTED else 0.0
 
     @property
     def lens_px(self) -> float:
@@ -155,16 +169,13 @@ POSES_CHECKS: tuple[Check[PosesQuality], ...] = (
         "they are read",
         _ADD_TURNED,
     ),
-    Check(  # right poses reject hardly any, wrong ones mostly a fifth and more
-        "rejected pairs", lambda q: q.contradicted, 0.05, 0.05,
-        lambda q: f"the poses reject all matches of {100 * q.contradicted:.0f} % of the pairs of "
-        "images",
-        _choose_step_on_matches,
-    ),
     Check(
-        "agreement", lambda q: 1 - q.agreement, 1 - _FEW_AGREE, 1 - _HARDLY_AGREE,
-        lambda q: f"only {100 * q.agreement:.0f} % of the matches agree in all images together",
-        _choose_step_on_matches, is_visible=True,
+        "rejected pairs", lambda q: q.rejected, _IMAGE_REJECTED, _IMAGE_REJECTED,
+        lambda q: f"the poses reject all matches of {100 * q.contradicted:.0f} % of the pairs of "
+        "images, above all of " + list_some(
+            [name for name, lost in q.contradicted_images.items() if lost > _IMAGE_REJECTED]
+        ),
+        _choose_step_on_matches,
     ),
     Check(
         "given focal length", lambda q: convert_focal_error(q.focal_gap), GOOD_PX, USABLE_PX,

@@ -12,7 +12,7 @@ from gsut.judge import SURE
 from gsut.judge.checks import FOCAL_LIMIT
 from gsut.lens import Camera, find_focal_params, has_focal_length
 from gsut.sfm.lens.covariance import estimate_lens_sigmas
-from gsut.sfm.lens.prior import find_focal
+from gsut.sfm.lens.prior import adjust_without_groups, find_focal
 from gsut.sfm.lens.search import FIRST_IMAGES
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import PairMatches, choose_connected_pairs, keep_most_distinct
@@ -22,7 +22,6 @@ from gsut.sfm.solution import (
     LensFlags,
     Solution,
     adjust_registered,
-    compare_solutions,
 )
 
 
@@ -30,9 +29,9 @@ def check_given_lens(mapping: Mapping) -> Mapping:
     """Adds to the findings how far the photographs contradict the focal length of a given lens.
 
     Some images are adjusted again with the focal length free. Where the difference would lower the
-    verdict and is more than these images leave open, the same images with the focal length held
-    decide whether it may be chance. Does
-    nothing for a rig, several lenses, or a lens that has no focal length.
+    verdict and is more than the features' errors explain, it must also be more than the focal
+    length varies without some of these images. Does nothing for a rig, several lenses, or a lens
+    that has no focal length.
     """
     solution = mapping.solved
     lens = _find_one_lens(mapping)
@@ -48,11 +47,11 @@ def check_given_lens(mapping: Mapping) -> Mapping:
         (known,) = estimate_lens_sigmas(free, flags)
         given, own = float(lens.params[focal[0]]), find_focal(free)
         sigma = float(known[focal[0]]) / own
-        agrees = abs(math.log(own / given)) <= max(FOCAL_LIMIT, SURE * sigma)
-        if not agrees:
-            held = _adjust(mapping, pairs, None)
-            found = compare_solutions(held, free, mapping.features, pairs, more_free=1)
-            agrees = not found.is_rival
+        gap = abs(math.log(own / given))
+        if gap > max(FOCAL_LIMIT, SURE * sigma):
+            some = mapping.replace(solution=free, pairs=pairs)
+            sigma = max(sigma, adjust_without_groups(some, flags))
+        agrees = gap <= max(FOCAL_LIMIT, SURE * sigma)
     except SolveError:  # nothing can be said
         return mapping
     figures = {

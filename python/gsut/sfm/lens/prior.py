@@ -10,6 +10,7 @@ import numpy as np
 
 from gsut._core import SolveError
 from gsut.judge import SURE
+from gsut.judge.checks import FOCAL_LIMIT
 from gsut.lens import FocalPrior, find_focal_params, with_scaled_focal
 from gsut.sfm.lens.candidates import guess_lens
 from gsut.sfm.lens.covariance import estimate_focal_spread
@@ -22,6 +23,7 @@ from gsut.sfm.solution import (
     ReadoutMotion,
     Solution,
     adjust_registered,
+    compare_solutions,
 )
 from gsut.significance import convert_to_normal
 
@@ -34,6 +36,8 @@ _FEWEST_IMAGES = 4
 # Most images that are adjusted anew without a group. Of more, one linear step must do, which said a
 # third of it of a capture of 50.
 _MOST_ADJUSTED = 100
+# Factor by which a focal length must not change without the matches clearly saying so.
+_FAR = 1.25
 # Share of the prior's standard deviation below which the images alone know better.
 _NEGLIGIBLE = 0.1
 
@@ -55,6 +59,8 @@ def weigh_focal_prior(mapping: Mapping, features_sigma: float) -> tuple[Mapping,
     if flags is None:
         return mapping, features_sigma
     sigma = estimate_focal_sigma(mapping, flags, features_sigma)
+    if FOCAL_LIMIT < sigma < math.log(_FAR) and not _is_determined(mapping, flags):
+        sigma = math.log(_FAR)
     prior = _find_prior(mapping)
     if prior is None:
         return mapping, sigma
@@ -106,6 +112,23 @@ def _find_prior(mapping: Mapping) -> FocalPrior | None:
     return FocalPrior(photographs.exif_focal_px, photographs.focal_sigma, "EXIF")
 
 
+def _is_determined(mapping: Mapping, flags: np.ndarray) -> bool:
+    """Returns whether matches clearly speak against a focal length far from the one found.
+
+    How it varies without some of the images is no evidence of that: where all of them leave it
+    open, each of their groups keeps the one that was found.
+    """
+    found, *others = (hold_focal(mapping, flags, factor) for factor in (1.0, 1 / _FAR, _FAR))
+    if found is None:
+        return True
+    gains = [
+        compare_solutions(found, other, mapping.features, mapping.pairs)
+        for other in others
+        if other is not None
+    ]
+    return all(each.gain < -SURE * each.sigma for each in gains)
+
+
 def find_focal(solution: Solution) -> float:
     """Returns the focal length in pixels that the one lens of a solution has."""
     camera = solution.cameras[int(np.flatnonzero(solution.registered)[0])]
@@ -144,12 +167,15 @@ def estimate_focal_sigma(mapping: Mapping, flags: LensFlags, features_sigma: flo
         return math.inf
     is_one = isinstance(flags, np.ndarray) and mapping.photographs.frames is None
     if is_one and solution.num_registered <= _MOST_ADJUSTED:
-        return max(features_sigma, _adjust_without_groups(mapping, flags))
+        return max(features_sigma, adjust_without_groups(mapping, flags))
     return max(features_sigma, estimate_focal_spread(solution, flags, mapping.turns))
 
 
-def _adjust_without_groups(mapping: Mapping, flags: LensFlags) -> float:
-    """Measures what `estimate_focal_spread` does, by adjusting: few images are far from linear."""
+def adjust_without_groups(mapping: Mapping, flags: LensFlags) -> float:
+    """Measures what `estimate_focal_spread` does, by adjusting: few images are far from linear.
+
+    Infinite where too few images are left without a group.
+    """
     solution, logs = mapping.solved, []
     pairs, images = keep_most_distinct(mapping.pairs), np.flatnonzero(solution.registered)
     adjustment = Adjustment(

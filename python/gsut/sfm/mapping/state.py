@@ -61,7 +61,8 @@ class Findings:
         models: of images that do not connect with the others.
         look_alikes: what still speaks for places taken for one, or None.
         agreement: share of the verified matches that observe one point, or None.
-        contradicted: see `measure_contradiction`.
+        contradicted, contradicted_images: see `measure_contradiction`; those of images by name,
+            the largest first.
         focal_sigma: standard deviation of an estimated focal length over it; infinite: not
             determined; None: the lens was known.
         halves_px: half of the difference of poses adjusted with either half of the points: pixels
@@ -76,6 +77,7 @@ class Findings:
     models: list[Any] = dataclasses.field(default_factory=list)
     agreement: float | None = None
     contradicted: float = 0.0
+    contradicted_images: dict[str, float] = dataclasses.field(default_factory=dict)
     look_alikes: LookAlikes | None = None
     focal_sigma: float | None = None
     halves_px: tuple[float, float] | None = None

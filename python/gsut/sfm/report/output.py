@@ -56,6 +56,7 @@ def write_poses(mapping: Mapping, folder: Path, made_from: str) -> dict[str, Any
     figures = found.figures | {
         "matches_in_points": found.agreement,
         "contradicted_pairs": found.contradicted,
+        "contradicted_images": found.contradicted_images,
         "halves_px": found.halves_px if is_measured else None,
         "models": [int(model.num_registered) for model in found.models],
         "verdict": verdict.as_dict(),

@@ -35,6 +35,7 @@ def judge_solution(solution: Solution, features: Sequence[Features], found: Find
             halves_px=found.halves_px or (0.0, 0.0),
             agreement=1.0 if found.agreement is None else found.agreement,
             contradicted=found.contradicted,
+            contradicted_images=found.contradicted_images,
             focal_sigma=found.focal_sigma,
             focal_gap=found.focal_gap,
             readout_turn=solution.readout_turn,

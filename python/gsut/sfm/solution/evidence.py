@@ -98,7 +98,7 @@ def measure_match_errors(
 
 def measure_contradiction(
     solution: Solution, features: Sequence[Features], pairs: Sequence[PairMatches], limit: float
-) -> float:
+) -> tuple[float, np.ndarray]:
     """Measures the share of the pairs whose matches the poses of a solution reject as a whole.
 
     Hardly any observes a point, and most rays miss each other. Where they meet, other things that
@@ -108,16 +108,23 @@ def measure_contradiction(
         features: of all images.
         pairs: verified matches.
         limit: pixels by which rays of right poses miss each other at most.
+
+    Returns:
+        It, and the share (N,) of each image's matches that are in such pairs. Where poses are
+        wrong, some image loses a third and more; false pairs of right poses have few matches.
     """
     known = [p for p in pairs if solution.registered[p.first] and solution.registered[p.second]]
-    rejected = np.flatnonzero(measure_agreement(solution, pairs).rejected)
-    doubted = [known[place] for place in rejected]
-    if not doubted:
-        return 0.0
-    errors = measure_match_errors(solution, features, doubted)
-    missing = np.where(np.isfinite(errors), errors, np.inf) > limit
-    by_pair = np.split(missing, np.cumsum([len(pair.matches) for pair in doubted])[:-1])
-    return sum(bool(np.mean(own) > 0.5) for own in by_pair) / len(known)
+    ends = np.array([(p.first, p.second) for p in known], np.int64).reshape(-1, 2)
+    sizes = np.array([len(p.matches) for p in known])
+    is_lost = measure_agreement(solution, pairs).rejected
+    for place in np.flatnonzero(is_lost):
+        errors = measure_match_errors(solution, features, [known[place]])
+        is_lost[place] = np.mean(~(errors <= limit)) > 0.5
+    lost, total = (
+        np.bincount(ends.ravel(), np.repeat(counted, 2), len(features))
+        for counted in (sizes * is_lost, sizes)
+    )
+    return float(np.mean(is_lost)) if known else 0.0, lost / np.maximum(total, 1)
 
 
 def _measure_scales(rays: np.ndarray, poses: np.ndarray, by_ray: np.ndarray) -> np.ndarray:
