@@ -15,7 +15,12 @@ from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import are_connected, explain_failure, require_overlap
 from gsut.sfm.rig import solve_rig
 from gsut.sfm.solution import measure_diagonal, solve_poses
-from gsut.sfm.starts import measure_halves, register_left_out, try_other_starts
+from gsut.sfm.starts import (
+    leave_out_contradicted,
+    measure_halves,
+    register_left_out,
+    try_other_starts,
+)
 
 
 def map_connected(mapping: Mapping) -> Mapping:
@@ -46,6 +51,7 @@ def map_connected(mapping: Mapping) -> Mapping:
             joined = register_left_out(_map_photographs(more))
             if is_weak and not joined.solved.registered.all():
                 joined = register_left_out(try_other_starts(joined))
+            joined = leave_out_contradicted(joined)
             gained = joined.solved.num_registered - np.count_nonzero(~absent)
             if gained > 0 or (is_weak and gained == 0 and _measure_spread(joined) < off):
                 found = np.flatnonzero(absent & joined.solved.registered)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from gsut import _core
-from gsut._core import Shutter
+from gsut._core import Shutter, SolveError
 from gsut.bounds import name_wrong_kinds
 from gsut.data.images import read_header
 from gsut.data.rigs import Rig
@@ -64,7 +64,12 @@ from gsut.sfm.solution import (
     separate_look_alikes,
     solve_poses,
 )
-from gsut.sfm.starts import compare_halves, register_left_out, try_other_starts
+from gsut.sfm.starts import (
+    compare_halves,
+    leave_out_contradicted,
+    register_left_out,
+    try_other_starts,
+)
 from gsut.sfm.world import (
     add_markers,
     find_control,
@@ -174,6 +179,8 @@ def _map(mapping: Mapping) -> Mapping:
     mapping = _separate_places(mapping)  # pairs, solution
     mapping = try_other_starts(mapping)  # solution
     mapping = register_left_out(mapping)  # pairs, solution: another start may see more of them
+    with contextlib.suppress(SolveError):  # too little would be left
+        mapping = leave_out_contradicted(mapping)  # pairs, raw matches, solution
     mapping = find_shutter(mapping)  # solution
     mapping = free_center(mapping)  # lens_free, solution
     mapping = use_gyroscope(mapping)  # turns, solution

@@ -1,5 +1,7 @@
 """Images that no pair of verified matches connects, registered by the points their matches join."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ from gsut.sfm import PosesOptions, compare_poses
 from gsut.sfm.lens import join_points
 from gsut.sfm.matches import RawMatches, verify_matches
 from gsut.sfm.solution import MIN_INLIERS, solve_poses
-from gsut.sfm.starts import register_left_out
+from gsut.sfm.starts import leave_out_contradicted, leaving_out, register_left_out
 from gsut.sfm.starts.left_out import _find_poses
 from synthetic_walk import Synthetic
 
@@ -114,3 +116,50 @@ def test_image_whose_matches_are_wrong_stays_without_a_pose(scene):
     before = mapping.solution
     mapping = register_left_out(mapping)
     assert mapping.solution is before
+
+
+@pytest.mark.parametrize("kind", ["SIFT", "right", "held", "wrong"])
+def test_image_most_of_whose_matches_contradict_its_pose_is_left_out(scene, kind, monkeypatch):
+    mapping = scene.mapping(OPTIONS)
+    pairs = verify_matches(mapping.images, mapping.raw, OPTIONS)
+    solution = solve_poses(mapping.images, pairs, OPTIONS)
+    if kind != "right":
+        for index, pair in enumerate(pairs):
+            if LEFT_OUT in (pair.first, pair.second):
+                wrong = np.stack([np.roll(pair.matches[:, 0], 7), pair.matches[:, 1]], axis=1)
+                matches = np.concatenate([pair.matches, wrong, wrong])
+                pairs[index] = dataclasses.replace(pair, matches=matches)
+    if kind != "SIFT":
+        learned = [
+            dataclasses.replace(each, is_learned=np.ones(len(each), bool))
+            for each in mapping.features
+        ]
+        mapping = mapping.replace(features=learned)
+    mapping = mapping.replace(pairs=pairs, solution=solution)
+    if kind == "wrong":  # halves as of a pose that few points hold
+        monkeypatch.setattr(leaving_out, "measure_halves", lambda _: (90.0, 0.1))
+    found = leave_out_contradicted(mapping)
+    if kind != "wrong":
+        assert found is mapping and not found.log.notes
+        return
+    name = mapping.photographs.names[LEFT_OUT]
+    assert found.solved.unregistered_names == [name] and name in found.log.notes[-1]
+    assert not any(LEFT_OUT in (pair.first, pair.second) for pair in found.pairs)
+    assert LEFT_OUT not in found.raw.pairs
+    assert register_left_out(found).solved is found.solved
+    errors = compare_poses(
+        found.solved.camera_from_world[:LEFT_OUT], np.array(scene.poses[:LEFT_OUT])
+    )
+    assert errors.ate_percent < tolerances.LEFT_OUT_ATE_PERCENT
+
+
+def test_matches_that_its_pose_chose_do_not_hold_an_image(scene, monkeypatch):
+    mapping = register_left_out(solve_without_one(scene))
+    added = [pair for pair in mapping.pairs if LEFT_OUT in (pair.first, pair.second)]
+    assert added and all(pair.is_predicted for pair in added)
+    learned = [
+        dataclasses.replace(each, is_learned=np.ones(len(each), bool)) for each in mapping.features
+    ]
+    monkeypatch.setattr(leaving_out, "measure_halves", lambda _: None)
+    found = leave_out_contradicted(mapping.replace(features=learned))
+    assert found.solved.unregistered_names == [mapping.photographs.names[LEFT_OUT]]

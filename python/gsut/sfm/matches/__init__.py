@@ -12,6 +12,7 @@ from gsut.sfm.matches.matching import (
 from gsut.sfm.matches.selection import (
     are_connected,
     choose_connected_pairs,
+    group_images,
     keep_most_distinct,
     select_pairs,
     select_verified_pairs,

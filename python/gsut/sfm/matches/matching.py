@@ -43,6 +43,7 @@ class PairMatches:
         second_from_first: (4, 4), translation of unit length.
         rotation_matches: number of them that a rotation alone explains.
         parallax: radians, upper quartile of the angle between matched rays, rotation undone.
+        is_predicted: chosen by poses of both images, which they therefore do not confirm.
     """
 
     first: int
@@ -51,6 +52,7 @@ class PairMatches:
     second_from_first: np.ndarray
     rotation_matches: int
     parallax: float
+    is_predicted: bool = False
 
     def as_tuple(self) -> tuple:
         """Returns the tuple that the solver takes."""

@@ -60,11 +60,15 @@ def choose_connected_pairs(pairs: Sequence[PairMatches], most: int) -> list[Pair
 
 def are_connected(pairs: Sequence[PairMatches], num_images: int) -> bool:
     """Returns whether pairs connect each image with all others, directly or through some."""
-    group = list(range(num_images))
+    return len(np.unique(group_images(pairs, num_images))) == 1
+
+
+def group_images(pairs: Sequence[PairMatches], num_images: int) -> np.ndarray:
+    """Returns (N,) numbers of groups: pairs connect the images of one, directly or through some."""
+    group = np.arange(num_images)
     for pair in pairs:
-        joined, other = group[pair.first], group[pair.second]
-        group = [joined if each == other else each for each in group]
-    return len(set(group)) == 1
+        group[group == group[pair.second]] = group[pair.first]
+    return group
 
 
 def select_pairs(raw: RawMatches, wanted: set[tuple[int, int]]) -> RawMatches:

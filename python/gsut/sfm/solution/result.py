@@ -170,6 +170,11 @@ class PairAgreement:
         """Returns (P,) bool: hardly any match of a pair observes one point."""
         return self.together < _REJECTED * self.matches
 
+    @property
+    def upheld(self) -> np.ndarray:
+        """Returns (P,) bool: most matches of a pair observe one point."""
+        return 2 * self.together > self.matches
+
 
 def measure_agreement(solution: Solution, pairs: Sequence[PairMatches]) -> PairAgreement:
     """Measures how far the verified matches of pairs agree in all images together."""

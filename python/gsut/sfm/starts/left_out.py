@@ -174,4 +174,4 @@ def _find_meeting(
     relative = poses[1] @ world_from_camera[0]
     relative[:3, 3] /= max(float(np.linalg.norm(relative[:3, 3])), 1e-12)
     upper = float(np.percentile(parallax, 75)) if len(parallax) else 0.0
-    return PairMatches(*pair, matches[meets], relative, 0, upper)
+    return PairMatches(*pair, matches[meets], relative, 0, upper, is_predicted=True)
