@@ -67,6 +67,7 @@ from gsut.sfm.solution import (
 from gsut.sfm.starts import (
     compare_halves,
     leave_out_contradicted,
+    leave_out_look_alikes,
     register_left_out,
     try_other_starts,
 )
@@ -366,6 +367,11 @@ def _separate_places(mapping: Mapping) -> Mapping:
             f"{before - len(pairs)} of {before} pairs of images were left out: they took "
             "places that look alike for one"
         )
+    whole = mapping.replace(solution=separated, pairs=pairs)
+    mapping = leave_out_look_alikes(whole, look_alikes)
+    separated, pairs = mapping.solved, mapping.pairs
+    if mapping is not whole:
+        look_alikes = separate_look_alikes(separated, pairs, None, times, WINDOW)[2]
     first, models = find_further_models(separated, mapping.features, pairs, options)
     mapping = mapping.replace(solution=first, pairs=pairs)
     return mapping.add_findings(look_alikes=look_alikes, models=models)

@@ -1,6 +1,7 @@
 """Two rooms with the same furniture are not taken for one; one room visited twice is one."""
 
 import dataclasses
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,14 +10,16 @@ import pytest
 import gsut
 import tolerances
 from gsut import _core
-from gsut.sfm.mapping import Findings
+from gsut.sfm.mapping import Findings, Mapping, PosesLog
+from gsut.sfm.matches import RawMatches
 from gsut.sfm.matches.matching import match_images
 from gsut.sfm.matches.verification import verify_matches
-from gsut.sfm.photographs import Images
+from gsut.sfm.photographs import Images, Photographs
 from gsut.sfm.photographs.options import PosesOptions
 from gsut.sfm.report.verdict import judge_solution
 from gsut.sfm.solution.look_alikes import separate_look_alikes
 from gsut.sfm.solution.solver import solve_poses
+from gsut.sfm.starts import leave_out_look_alikes, register_left_out
 from gsut.sfm.world.comparison import compare_poses
 from synthetic_walk import Synthetic, observe, quiet, shuffled
 
@@ -128,6 +131,38 @@ def test_two_rooms_of_six_numbered_photographs_are_doubted(rng, same_room):
     )
     assert same is solution and kept == pairs
     assert found is None if same_room else found.images == solution.names
+
+
+def test_photographs_of_another_room_are_left_out_and_the_others_keep_their_places(rng):
+    scene = two_visits(rng, False, visit_images=3, furniture=25)
+    solution = mapped(scene, scene.pairs)
+    count = len(scene.names)
+    photographs = Photographs(
+        Path(), scene.names, [Path(name) for name in scene.names], [None] * count,
+        [scene.camera] * count,
+    )  # fmt: skip
+    raw = RawMatches(
+        np.array([(pair.first, pair.second) for pair in scene.pairs]),
+        [pair.matches for pair in scene.pairs],
+    )
+    mapping = Mapping(
+        photographs, OPTIONS, PosesLog(), features=scene.features, raw=raw, pairs=scene.pairs,
+        solution=solution,
+    )  # fmt: skip
+    assert leave_out_look_alikes(mapping, None) is mapping
+    found = separate_look_alikes(solution, scene.pairs, None)[2]
+    views = np.bincount(solution.observations[:, 1]).reshape(2, 3).sum(axis=1)
+    assert found.smaller == np.reshape(scene.names, (2, 3))[np.argmin(views)].tolist()
+    left = leave_out_look_alikes(mapping, found)
+    visits = left.solved.registered.reshape(2, 3)
+    assert sorted(visits.all(axis=1)) == [False, True] and left.solved.num_registered == 3
+    assert all(name in left.log.notes[-1] for name in scene.names)
+    assert len(left.raw.pairs) == len(left.pairs) < len(scene.pairs)
+    assert register_left_out(left).solved is left.solved
+    assert separate_look_alikes(left.solved, left.pairs, None)[2] is None
+    kept = left.solved.registered
+    errors = compare_poses(left.solved.camera_from_world[kept], scene.poses[kept])
+    assert errors.ate_percent < tolerances.SFM_TOLD_APART_ATE_PERCENT
 
 
 def test_one_photograph_without_matches_does_not_make_a_doubt(rng):

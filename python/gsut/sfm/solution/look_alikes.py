@@ -20,7 +20,7 @@ from gsut._core import SolveError
 from gsut.data import list_some
 from gsut.data.poses import find_centers
 from gsut.sfm.matches import PairMatches
-from gsut.sfm.solution.result import Solution
+from gsut.sfm.solution.result import Solution, measure_agreement
 
 # Points are compared where both images see them from nearly the same side and distance, where
 # features are found again and little is hidden.
@@ -60,11 +60,14 @@ class LookAlikes:
         pairs: names of two images at one place by their poses, worst first, one a doubted image.
         shares: of each pair, the share of what one image sees that the other sees too.
         images: names of all doubted images.
+        smaller: names of the images of the smaller of two places, if the images are few and
+            parting them loses less than not.
     """
 
     pairs: list[tuple[str, str]]
     shares: list[float]
     images: list[str]
+    smaller: list[str]
 
     def explain(self) -> str:
         """Returns the sentence of a verdict."""
@@ -94,11 +97,14 @@ class _Evidence:
         shares: (N, N) of the points that either should see of the other's; NaN: unknown.
         joined: (N, N) bool: near in time, or, where that is not known, with a common neighbour.
         doubted: (N,) bool.
+        missing: (N, N) points that two images should match at one place and do not, of those two
+            that show different places.
     """
 
     shares: np.ndarray
     joined: np.ndarray
     doubted: np.ndarray
+    missing: np.ndarray
 
 
 def separate_look_alikes(
@@ -144,11 +150,37 @@ def separate_look_alikes(
         solution, pairs, found = fresh, kept, _gather_evidence(fresh, times, near)
     if is_few and not found.doubted.any():
         found = _compare_matches(solution, pairs)
-    return solution, pairs, _name_doubted(solution, found)
+    return solution, pairs, _name_doubted(solution, pairs, found)
 
 
-def _name_doubted(solution: Solution, found: _Evidence) -> LookAlikes | None:
-    """Names the doubted images, and the pair of each that speaks most against it."""
+def _choose_smaller(
+    solution: Solution, pairs: list[PairMatches], missing: np.ndarray
+) -> np.ndarray:
+    """Chooses the images (N,) bool of the smaller of two places that were taken for one.
+
+    Of all ways to part the images in two that which loses least: matches that observe one point,
+    of images that are parted, and points that are missing, of those that are not.
+    """
+    images = np.flatnonzero(solution.registered)
+    lost = np.zeros_like(missing)
+    known = [p for p in pairs if solution.registered[p.first] and solution.registered[p.second]]
+    for pair, together in zip(known, measure_agreement(solution, pairs).together, strict=True):
+        lost[[pair.first, pair.second], [pair.second, pair.first]] += together
+    sides = np.arange(2 ** (len(images) - 1))[:, None] >> np.arange(len(images)) & 1
+    parted = sides[:, :, None] != sides[:, None]
+    own = np.ix_(images, images)
+    cost = np.where(parted, lost[own], missing[own]).sum(axis=(1, 2))
+    best = sides[np.argmin(cost)].astype(bool)
+    views = np.bincount(solution.observations[:, 1], minlength=len(missing))[images]
+    if (best.sum(), views[best].sum()) > (sum(~best), views[~best].sum()):
+        best = ~best
+    return np.isin(np.arange(len(missing)), images[best])
+
+
+def _name_doubted(
+    solution: Solution, matched: list[PairMatches], found: _Evidence
+) -> LookAlikes | None:
+    """Names the doubted images, the pair of each that speaks most against it, and one place."""
     doubted = np.flatnonzero(found.doubted)
     if not len(doubted):
         return None
@@ -158,7 +190,11 @@ def _name_doubted(solution: Solution, found: _Evidence) -> LookAlikes | None:
         first, second = sorted((int(image), other))
         pairs[solution.names[first], solution.names[second]] = float(found.shares[image, other])
     names = [solution.names[image] for image in doubted]
-    return LookAlikes(list(pairs), list(pairs.values()), names)
+    smaller: list[str] = []
+    if found.missing.any():
+        chosen = _choose_smaller(solution, matched, found.missing)
+        smaller = [solution.names[image] for image in np.flatnonzero(chosen)]
+    return LookAlikes(list(pairs), list(pairs.values()), names, smaller)
 
 
 def _gather_evidence(solution: Solution, times: np.ndarray | None, near: int) -> _Evidence:
@@ -179,7 +215,7 @@ def _gather_evidence(solution: Solution, times: np.ndarray | None, near: int) ->
     doubted = comparable & (mean < _LEAST_SHARE)
     if doubted.sum() < max(_FEWEST_IMAGES, _LEAST_OF_ALL * comparable.sum()):
         doubted[:] = False
-    return _Evidence(shares, joined, doubted)
+    return _Evidence(shares, joined, doubted, np.zeros_like(shares))
 
 
 def _compare_matches(solution: Solution, pairs: list[PairMatches]) -> _Evidence:
@@ -216,7 +252,7 @@ def _compare_matches(solution: Solution, pairs: list[PairMatches]) -> _Evidence:
     doubted = apart.any(axis=1)
     if apart.sum() <= 2 * max(apart.sum(axis=1).max(), _FEWEST_APART - 1):
         doubted[:] = False
-    return _Evidence(shares, joined, doubted)
+    return _Evidence(shares, joined, doubted, np.where(apart, points - seen - seen.T, 0))
 
 
 def _find_stays(same_place: np.ndarray, joined: np.ndarray) -> np.ndarray:

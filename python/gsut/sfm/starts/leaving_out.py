@@ -7,12 +7,14 @@ import itertools
 
 import numpy as np
 
+from gsut._core import SolveError
 from gsut.data import list_some
 from gsut.judge.checks import NOT_GOOD
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import PairMatches, RawMatches, group_images
 from gsut.sfm.solution import (
     Adjustment,
+    LookAlikes,
     ReadoutMotion,
     Solution,
     adjust_registered,
@@ -54,6 +56,32 @@ def leave_out_contradicted(mapping: Mapping) -> Mapping:
     mapping.log.note(
         "left out after all, as most of their matches contradict the poses that fit best: "
         f"{list_some(names)}"
+    )
+    return separated
+
+
+def leave_out_look_alikes(mapping: Mapping, found: LookAlikes | None) -> Mapping:
+    """Leaves out the smaller part of images that show places which were taken for one.
+
+    Args:
+        mapping: with solution and pairs.
+        found: see `separate_look_alikes`.
+
+    Returns:
+        The run; as given where not doubted, where the parts are not clear, or where the images of
+        the larger part do not hold their poses without the others.
+    """
+    if found is None or not found.smaller:
+        return mapping
+    left = np.isin(mapping.solved.names, found.smaller)
+    try:
+        separated = _separate(mapping, left.astype(int))
+    except SolveError:
+        return mapping
+    others = [name for name in found.images if name not in found.smaller]
+    mapping.log.note(
+        f"left out after all, as they show a place that looks like that of {list_some(others)}: "
+        f"{list_some(found.smaller)}"
     )
     return separated
 
