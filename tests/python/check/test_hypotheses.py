@@ -67,7 +67,7 @@ def gather(poses, pixels, lens=LENS):
     for a, b in choose_pairs(scene):
         both = np.isfinite(pixels[[a, b]]).all(axis=(0, 2))
         if both.sum() >= 16:
-            pairs.append(ImagePair(a, b, pixels[[a, b]][:, both][:, :120]))
+            pairs.append(ImagePair(a, b, pixels[[a, b]][:, both][:, :24]))
     return gather_evidence(scene, pairs)
 
 
