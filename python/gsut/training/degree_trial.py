@@ -68,6 +68,8 @@ def choose_degree(
 ) -> tuple[TrainOptions, str]:
     """Raises the degree of the harmonics if it is open and short trainings gain by it.
 
+    Runs too short for these take the high degree: in few steps most scenes gain by it.
+
     Args:
         scene: as it is trained on.
         options: of the run.
@@ -78,17 +80,22 @@ def choose_degree(
     """
     if not is_from_preset(options, "sh_degree"):
         return options, ""
-    sizes = [each for each in _SIZES if each.estimate_share(options) <= _MOST_SHARE]
+    low, high = _DEGREES
     views = len(scene.train_indices)
-    if not sizes or views < _FEWEST_VIEWS:
-        few = f"{views} photographs" if sizes else f"{options.steps} steps"
+    if views < _FEWEST_VIEWS:
         return options, (
-            f"harmonics of degree {options.sh_degree}, the preset's: {few} are too few to compare "
+            f"harmonics of degree {options.sh_degree}, the preset's: {views} photographs are too "
+            "few to compare degrees in short trainings (--sh-degree)"
+        )
+    sizes = [each for each in _SIZES if each.estimate_share(options) <= _MOST_SHARE]
+    if not sizes:  # nor do so few steps show the noise that a higher degree learns
+        chosen = raise_degree(options, high)
+        return chosen, (
+            f"harmonics of degree {chosen.sh_degree}: {options.steps} steps are too few to compare "
             "degrees in short trainings (--sh-degree)"
         )
     gains = measure_gains(scene, options, sizes[0], show)
     gain, error = gains.mean(), gains.std(ddof=1) / np.sqrt(len(gains))
-    low, high = _DEGREES
     chosen = raise_degree(options, high) if gain > _LEAST_GAIN else options
     return chosen, (
         f"harmonics of degree {chosen.sh_degree}: in two short trainings, degree {high} showed "

@@ -58,7 +58,7 @@ def test_degree_of_a_made_scene_follows_its_gloss(small_trials, dataset, rng, gl
     assert choose_degree(scene, OPTIONS) == (chosen, because)  # the same again
 
 
-def test_degree_of_few_views_short_runs_or_given_is_not_tried(small_trials, scene, monkeypatch):
+def test_degree_of_few_views_or_given_is_not_tried(small_trials, scene, monkeypatch):
     monkeypatch.setattr(degree_trial, "measure_gains", None)  # would raise
     assert len(scene.train_indices) == 10
     for preset, degree in ((None, 1), ("best", 2)):
@@ -66,11 +66,17 @@ def test_degree_of_few_views_short_runs_or_given_is_not_tried(small_trials, scen
         chosen, because = choose_degree(scene, options)
         assert chosen.sh_degree == degree
         assert "10 photographs are too few" in because
-    chosen, because = choose_degree(scene, TrainOptions(steps=200))
-    assert chosen.sh_degree == 1
-    assert "200 steps are too few" in because
     given = TrainOptions(sh_degree=0)
     assert choose_degree(scene, given) == (given, "")
+
+
+def test_short_runs_take_the_high_degree_untried(small_trials, dataset, rng, monkeypatch):
+    monkeypatch.setattr(degree_trial, "measure_gains", None)  # would raise
+    scene = make_scene(dataset, rng, gloss=0.0)
+    for preset in (None, "best"):
+        chosen, because = choose_degree(scene, TrainOptions(preset=preset, steps=200))
+        assert chosen.sh_degree == 3
+        assert "200 steps are too few" in because
 
 
 def test_short_trainings_take_at_most_an_eighth_of_the_run():

@@ -119,8 +119,9 @@ class TrainOptions:
     )
     sh_degree: int = define_option(
         None, "Gaussians", "degree of the spherical harmonics of colour", low=0, high=3,
-        none="3 if it shows photographs better that two short trainings set aside, which need 12 "
-        "training views and about 500 steps; otherwise fast and balanced 1, best 2",
+        none="3 if it shows photographs better that two short trainings set aside, or if the steps "
+        "are too few for these, below about 500; otherwise, and with fewer than 12 training views, "
+        "fast and balanced 1, best 2",
     )
     primitive: str = define_option(
         "gaussian", "Gaussians", "surfel: flat discs without a third scale, written as in 2DGS; "
