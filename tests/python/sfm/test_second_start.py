@@ -8,7 +8,7 @@ import pytest
 from gsut import _core
 from gsut.data.poses import find_centers
 from gsut.sfm.solution import adjust_registered
-from gsut.sfm.starts import try_other_starts
+from gsut.sfm.starts import second_start, try_other_starts
 from made_flight import CENTERS, DOWN, fly
 
 
@@ -27,7 +27,13 @@ def measure_off(solution):
     return np.linalg.norm(scale * off @ (left @ right).T - (CENTERS - shift), axis=1).max()
 
 
-def test_images_beside_their_places_come_back(flight):
+@pytest.mark.parametrize("rotated", [0.0, 0.5])  # share of matches that a rotation explains too
+def test_images_beside_their_places_come_back(flight, rotated):
+    pairs = [
+        dataclasses.replace(pair, rotation_matches=int(rotated * len(pair.matches)))
+        for pair in flight.pairs
+    ]
+    flight = dataclasses.replace(flight, pairs=pairs)
     poses = flight.solved.camera_from_world.copy()
     poses[9:] = poses[9:] @ _core.exp_pose([3, 2, 0, 0.1, 0.2, 0.3])
     wrong = dataclasses.replace(flight.solved, camera_from_world=poses)
@@ -54,6 +60,25 @@ def test_velocities_that_nothing_demands_go(flight):
     run = try_other_starts(run)
     assert run.solved.shutter == DOWN
     assert np.abs(run.solved.velocities[:, 3:]).max() < 0.01
+    assert measure_off(run.solved) < 0.05
+
+
+def test_velocities_that_mend_a_wrong_structure_go_with_it(flight, monkeypatch):
+    poses = flight.solved.camera_from_world.copy()
+    poses[9:] = poses[9:] @ _core.exp_pose([3, 2, 0, 0.1, 0.2, 0.3])
+    wrong = dataclasses.replace(
+        flight.solved, camera_from_world=poses, shutter=DOWN, velocities=np.zeros((12, 6))
+    )
+    plain = second_start.compare_solutions
+
+    def compare(current, rival, *evidence):
+        # The velocities explain more than the same structure without them.
+        found = plain(current, rival, *evidence)
+        is_wrong = rival is wrong and measure_off(current) > 0.5
+        return dataclasses.replace(found, is_rival=True) if is_wrong else found
+
+    monkeypatch.setattr(second_start, "compare_solutions", compare)
+    run = try_other_starts(dataclasses.replace(flight, solution=wrong))
     assert measure_off(run.solved) < 0.05
 
 

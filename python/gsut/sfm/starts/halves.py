@@ -96,7 +96,9 @@ def split_matches(mapping: Mapping, seed: int = 0) -> list[list[PairMatches]]:
         point = np.maximum(point_of[pair.first][first], point_of[pair.second][second])
         second_half = np.where(point >= 0, is_second[point], rng.random(len(point)) < 0.5)
         for half, rows in zip(halves, (~second_half, second_half), strict=True):
-            half.append(dataclasses.replace(pair, matches=pair.matches[rows]))
+            matches = pair.matches[rows]
+            rotated = pair.rotation_matches * len(matches) // max(1, len(pair.matches))
+            half.append(dataclasses.replace(pair, matches=matches, rotation_matches=rotated))
     return halves
 
 

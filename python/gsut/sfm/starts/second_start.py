@@ -48,14 +48,14 @@ def try_other_starts(mapping: Mapping) -> Mapping:
     still = dataclasses.replace(solution, shutter=None, velocities=None)
     if solution.velocities is not None or mapping.lens_free is None:
         best = _adjust(mapping, still, None) or solution
-    if solution.velocities is not None and best is not solution:
-        more_free = _VELOCITIES * solution.num_registered
-        if _is_better(mapping, best, solution, more_free):
-            return mapping  # velocities are needed, and structures without them say nothing
     for start in _find_others(mapping, still):
         found = _adjust(mapping, start, None)
         if found is not None and _is_better(mapping, best, found):
             best = found
+    if solution.velocities is not None and best is not solution:
+        more_free = _VELOCITIES * solution.num_registered
+        if _is_better(mapping, best, solution, more_free):
+            return mapping
     if best is not solution and mapping.lens_free is not None:
         best = _adjust(mapping, best, mapping.lens_free) or best
     return mapping.replace(solution=best)
