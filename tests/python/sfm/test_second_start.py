@@ -46,6 +46,20 @@ def test_images_beside_their_places_come_back(flight, rotated):
     assert measure_off(run.solved) < 0.02
 
 
+def test_each_start_begins_with_another_pair(flight, monkeypatch):
+    begun = [flight.solved.initial_pair]
+    solve = second_start.solve_poses
+
+    def find(*args):
+        found = solve(*args)
+        begun.append(found.initial_pair)
+        return found
+
+    monkeypatch.setattr(second_start, "solve_poses", find)
+    try_other_starts(flight)
+    assert len(begun) == 3 and len(set(begun)) == 3
+
+
 def test_a_right_solution_loses_no_match(flight):
     run = dataclasses.replace(flight)
     run = try_other_starts(run)

@@ -88,19 +88,26 @@ def _adjust(mapping: Mapping, start: Solution, lens_free: LensFlags) -> Solution
 
 
 def _find_others(mapping: Mapping, still: Solution) -> Iterator[Solution]:
-    """Finds structures of either half of the points, and yields those that are not the same."""
+    """Finds structures of either half of the points, and yields those that are not the same.
+
+    Each begins with another pair of images: a wrong turn is mostly that of the first pair, and
+    halves would choose the same one.
+    """
     if still.num_registered > MOST_IMAGES:
         return
     images = dataclasses.replace(mapping.images, cameras=still.cameras, shutter=None)
     limit = UNUSABLE * measure_diagonal(still.cameras)
+    begun = {still.initial_pair}
     for half in split_matches(mapping):
+        others = [pair for pair in half if (pair.first, pair.second) not in begun]
         try:
             found = solve_poses(
-                images, half, mapping.options, mapping.log.follow_steps("mapping"),
+                images, others, mapping.options, mapping.log.follow_steps("mapping"),
                 Adjustment(lens_settled=True, covariances=False, min_inliers=HALF_INLIERS),
             )  # fmt: skip
         except SolveError:
             continue
+        begun.add(found.initial_pair)
         # Of which one pair in ten is farther off, no adjustment makes the same structure.
         differences = measure_differences(found, still, still)
         if np.quantile(differences, 0.9, method="higher") > limit:
