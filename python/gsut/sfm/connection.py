@@ -49,8 +49,8 @@ def map_connected(mapping: Mapping) -> Mapping:
         after, notes[:] = list(notes), before
         with contextlib.suppress(SolveError):
             joined = register_left_out(_map_photographs(more))
-            if is_weak and not joined.solved.registered.all():
-                joined = register_left_out(try_other_starts(joined))
+            # Of a structure that took a wrong turn right images are contradicted.
+            joined = register_left_out(try_other_starts(joined))
             joined = leave_out_contradicted(joined)
             gained = joined.solved.num_registered - np.count_nonzero(~absent)
             if gained > 0 or (is_weak and gained == 0 and _measure_spread(joined) < off):
