@@ -102,3 +102,29 @@ def test_velocities_that_matches_demand_stay():
     before = moving.solved
     moving = try_other_starts(moving)
     assert moving.solved is before
+
+
+def test_structure_inside_out_shows_nearly_parallel_rays_the_same(flight):
+    solution = flight.solved
+    found = second_start._turn_inside_out(solution)
+    poses, turned = solution.camera_from_world, found.camera_from_world
+    middle = np.linalg.svd(poses[:, :3, :3].mean(axis=0))
+    axes = middle[0] @ middle[2]
+    center = np.median(solution.points, axis=0)
+    mirrored = center + (solution.points - center) @ axes.T @ np.diag([1, 1, -1]) @ axes
+    for before, after in zip(poses, turned, strict=True):
+        seen = solution.points @ before[:3, :3].T + before[:3, 3]
+        again = mirrored @ after[:3, :3].T + after[:3, 3]
+        np.testing.assert_allclose(again[:, :2], seen[:, :2], atol=1e-9)
+        depth = before[2, :3] @ center + before[2, 3]
+        np.testing.assert_allclose(again[:, 2] - depth, depth - seen[:, 2], atol=1e-9)
+
+
+def test_structure_inside_out_comes_back(flight, monkeypatch):
+    monkeypatch.setattr(second_start, "MOST_IMAGES", 0)  # no other start
+    wrong = adjust_registered(
+        second_start._turn_inside_out(flight.solved), flight.features, flight.pairs, flight.options
+    )
+    assert measure_off(wrong) > 0.5
+    run = try_other_starts(dataclasses.replace(flight, solution=wrong))
+    assert measure_off(run.solved) < 0.02

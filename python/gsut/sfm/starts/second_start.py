@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 from collections.abc import Iterator
@@ -11,6 +12,7 @@ import numpy as np
 from gsut._core import SolveError
 from gsut.judge.checks import IMPOSSIBLE_TURN, UNUSABLE
 from gsut.sfm.mapping import Mapping
+from gsut.sfm.matches import keep_most_distinct
 from gsut.sfm.solution import (
     Adjustment,
     LensFlags,
@@ -30,18 +32,17 @@ def try_other_starts(mapping: Mapping) -> Mapping:
     """Replaces the solution by that of another start, if it explains the matches better.
 
     A structure that grows image by image may take a wrong turn that no adjustment undoes, and most
-    points fit nevertheless: of the two ways to see a plane the wrong one, or velocities of a
-    rolling shutter that bend the scene. A structure of half of the points seldom takes the same
-    turn. Poses found through a known lens are adjusted once more, from a loose limit on: more of
-    the matches then agree with them. Velocities of a rolling shutter must pay for themselves. Does
-    nothing for a rig, for a film, whose shutter is found later, where the readout time is given, or
-    without points.
+    points fit nevertheless: of the two ways to see a plane, or depth, the wrong one, or velocities
+    of a rolling shutter that bend the scene. A structure of half of the points seldom takes the
+    same turn. Poses found through a known lens are adjusted once more, from a loose limit on: more
+    of the matches then agree with them. Velocities of a rolling shutter must pay for themselves.
+    Does nothing for a rig, where the readout time is given, or without points.
 
     Returns:
         The run with the solution.
     """
     solution = mapping.solved
-    is_timed = bool(mapping.photographs.flows) or mapping.options.readout_time is not None
+    is_timed = mapping.options.readout_time is not None
     if mapping.rig is not None or is_timed or not len(solution.points):
         return mapping
     best = solution
@@ -91,8 +92,16 @@ def _find_others(mapping: Mapping, still: Solution) -> Iterator[Solution]:
     """Finds structures of either half of the points, and yields those that are not the same.
 
     Each begins with another pair of images: a wrong turn is mostly that of the first pair, and
-    halves would choose the same one.
+    halves would choose the same one. Before them the structure turned inside out.
     """
+    few = keep_most_distinct(mapping.pairs)
+    with contextlib.suppress(SolveError):
+        inside_out = adjust_registered(
+            _turn_inside_out(still), mapping.features, few, mapping.options,
+            adjustment=Adjustment(covariances=False),
+        )  # fmt: skip
+        if compare_solutions(still, inside_out, mapping.features, few).gain > 0:
+            yield inside_out
     if still.num_registered > MOST_IMAGES:
         return
     images = dataclasses.replace(mapping.images, cameras=still.cameras, shutter=None)
@@ -112,3 +121,21 @@ def _find_others(mapping: Mapping, still: Solution) -> Iterator[Solution]:
         differences = measure_differences(found, still, still)
         if np.quantile(differences, 0.9, method="higher") > limit:
             yield found
+
+
+def _turn_inside_out(solution: Solution) -> Solution:
+    """Mirrors depth, and turns the cameras against it.
+
+    Where rays are nearly parallel, as of narrow views of what is far, images stay the same
+    (Necker's reversal; Ullman, "The interpretation of structure from motion", 1979).
+    """
+    poses, mirror = solution.camera_from_world.copy(), np.diag([1.0, 1.0, -1.0])
+    known = poses[solution.registered]
+    left, _, right = np.linalg.svd(known[:, :3, :3].mean(axis=0))
+    middle = left @ np.diag([1, 1, np.linalg.det(left @ right)]) @ right
+    center = np.median(solution.points, axis=0)
+    seen = known[:, :3, :3] @ center + known[:, :3, 3]  # stays where it is in each image
+    turned = mirror @ known[:, :3, :3] @ middle.T @ mirror @ middle
+    known[:, :3, :3], known[:, :3, 3] = turned, seen - turned @ center
+    poses[solution.registered] = known
+    return dataclasses.replace(solution, camera_from_world=poses)
