@@ -124,7 +124,7 @@ def _find_others(mapping: Mapping, still: Solution) -> Iterator[Solution]:
 
 
 def _turn_inside_out(solution: Solution) -> Solution:
-    """Mirrors depth, and turns the cameras against it.
+    """Turns a structure inside out: depth is mirrored, cameras turn the other way.
 
     Where rays are nearly parallel, as of narrow views of what is far, images stay the same
     (Necker's reversal; Ullman, "The interpretation of structure from motion", 1979).
