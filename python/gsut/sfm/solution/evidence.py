@@ -115,11 +115,13 @@ def measure_contradiction(
     """
     known = [p for p in pairs if solution.registered[p.first] and solution.registered[p.second]]
     ends = np.array([(p.first, p.second) for p in known], np.int64).reshape(-1, 2)
-    sizes = np.array([len(p.matches) for p in known])
+    sizes = np.array([len(p.matches) for p in known], np.int64)
     is_lost = measure_agreement(solution, pairs).rejected
-    for place in np.flatnonzero(is_lost):
-        errors = measure_match_errors(solution, features, [known[place]])
-        is_lost[place] = np.mean(~(errors <= limit)) > 0.5
+    doubted = np.flatnonzero(is_lost)
+    errors = measure_match_errors(solution, features, [known[place] for place in doubted])
+    by_pair = np.split(errors, np.cumsum(sizes[doubted]))
+    for place, own in zip(doubted, by_pair, strict=False):  # the last part is empty
+        is_lost[place] = np.mean(~(own <= limit)) > 0.5
     lost, total = (
         np.bincount(ends.ravel(), np.repeat(counted, 2), len(features))
         for counted in (sizes * is_lost, sizes)
