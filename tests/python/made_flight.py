@@ -84,7 +84,7 @@ def fly(rng, relief, stretch=0.0, turn=0.0, speed=0.0, mounts=()):
         fit = RigFit(whole, {"baseline": whole.baseline, "cameras": rows}, [])
     solution = adjust_poses(
         Images(names, [LENS] * len(poses), features), pairs, poses, OPTIONS,
-        adjustment=Adjustment(FREE, rig=rig, motion=motion),
+        adjustment=Adjustment(FREE, rig=rig, motion=motion, extend=motion is not None),
     )  # fmt: skip
     photographs = Photographs(
         None, names, [], [None] * len(poses), solution.cameras,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from gsut._core import InputError
-from gsut.gaussians import Gaussians, transform_gaussians
+from gsut.gaussians import Gaussians, find_nearest_rotation, transform_gaussians
 
 _AXES = np.array([-1.0, -1.0, 1.0], np.float32)
 _ALIKE = 1e-3  # relative difference of scales: of writers in float32
@@ -52,5 +52,5 @@ def place_in_world(gaussians: Gaussians, matrix: np.ndarray, what: str) -> Gauss
         )
     if np.array_equal(matrix, np.eye(4)):
         return gaussians
-    left, _, right = np.linalg.svd(linear)
-    return transform_gaussians(gaussians, left @ right, float(scale), matrix[:3, 3])
+    rotation = find_nearest_rotation(linear)
+    return transform_gaussians(gaussians, rotation, float(scale), matrix[:3, 3])

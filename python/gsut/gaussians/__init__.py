@@ -9,6 +9,7 @@ from gsut.gaussians.cut import (
 from gsut.gaussians.morton import order_by_morton_code
 from gsut.gaussians.pixel_size import compute_pixel_density, find_pixel_sizes
 from gsut.gaussians.quaternions import (
+    find_nearest_rotation,
     find_rotation_vectors,
     measure_rotation_angles,
     multiply_quaternions,

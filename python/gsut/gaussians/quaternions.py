@@ -1,4 +1,4 @@
-"""Rotations as quaternions w, x, y, z: conversions, products, and a gradient."""
+"""Rotations as matrices and quaternions w, x, y, z: conversions, products, nearest ones."""
 
 from __future__ import annotations
 
@@ -40,6 +40,18 @@ def rotations_from_quaternions(q: np.ndarray) -> np.ndarray:
         [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
     ]
     return np.stack([np.stack(row, axis=1) for row in rows], axis=1)
+
+
+def find_nearest_rotation(matrices: np.ndarray) -> np.ndarray:
+    """Finds the rotations nearest to matrices (..., 3, 3), never a reflection.
+
+    Of a sum of b a^T that is the rotation which carries directions a best to b; of a sum of
+    rotations their mean (Kabsch, "A solution for the best rotation to relate two sets of vectors",
+    1976).
+    """
+    left, _, right = np.linalg.svd(matrices)
+    left[..., -1] *= np.sign(np.linalg.det(left @ right))[..., None]
+    return left @ right
 
 
 def find_rotation_vectors(rotations: np.ndarray) -> np.ndarray:

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from gsut.bounds import check_direction, check_number, name_wrong_kinds
+from gsut.gaussians import find_nearest_rotation
 
 # The optical axes have a common point to look at where the least eigenvalue of their mean
 # perpendicular projector is above this (0 = parallel, 2/3 = all directions alike) ...
@@ -211,9 +212,7 @@ def _look(positions: np.ndarray, directions: np.ndarray, up: np.ndarray) -> np.n
 
 def _camera_from_world(world_from_camera: np.ndarray) -> np.ndarray:
     """Inverts poses (N, 3, 4), whose left part is brought to the nearest rotation."""
-    left, _, right = np.linalg.svd(world_from_camera[:, :, :3])
-    left[..., -1] *= np.linalg.det(left @ right)[:, None]  # a rotation, never a reflection
-    rotation = np.swapaxes(left @ right, 1, 2)
+    rotation = np.swapaxes(find_nearest_rotation(world_from_camera[:, :, :3]), 1, 2)
     result = np.tile(np.eye(4), (len(rotation), 1, 1))
     result[:, :3, :3] = rotation
     result[:, :3, 3] = -np.einsum("nij,nj->ni", rotation, world_from_camera[:, :, 3])

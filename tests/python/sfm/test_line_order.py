@@ -20,7 +20,7 @@ def find(flight, speed):
     still = dataclasses.replace(flight.solved, shutter=None, velocities=None)
 
     def adjust(shutter):
-        motion = None if shutter is None else ReadoutMotion(shutter, 1.0, rates, 0.0, False)
+        motion = None if shutter is None else ReadoutMotion(shutter, 1.0, rates, 0.0)
         adjustment = Adjustment(covariances=False, motion=motion)
         return adjust_registered(
             still, flight.features, flight.pairs, flight.options, adjustment=adjustment

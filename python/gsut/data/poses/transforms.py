@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 from gsut._core import interpolate_pose
 from gsut.bounds import FARTHEST
 from gsut.data.errors import DatasetError
+from gsut.gaussians import find_nearest_rotation
 
 # Largest entry of R^T R - I. Files with 4 decimals reach 2e-4, a real scale or shear is far above.
 ROTATION_TOLERANCE = 1e-3
@@ -54,8 +55,7 @@ def check_rigid(values: object, where: object) -> np.ndarray:
         )
     _require_rotation(matrix[:3, :3], where)
     rigid = np.eye(4)
-    left, _, right = np.linalg.svd(matrix[:3, :3])
-    rigid[:3, :3] = left @ right
+    rigid[:3, :3] = find_nearest_rotation(matrix[:3, :3])
     rigid[:3, 3] = matrix[:3, 3]
     return rigid
 
@@ -128,9 +128,8 @@ def average_poses(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     """Averages two poses: mean translation, rotation half way along the shorter arc."""
     relative = start[:3, :3].T @ end[:3, :3]
     # (I + R) is twice the half rotation's projection: its polar factor is the square root of R.
-    left, _, right = np.linalg.svd(np.eye(3) + relative)
     pose = np.eye(4)
-    pose[:3, :3] = start[:3, :3] @ left @ right
+    pose[:3, :3] = start[:3, :3] @ find_nearest_rotation(np.eye(3) + relative)
     pose[:3, 3] = (start[:3, 3] + end[:3, 3]) / 2
     return pose
 

@@ -15,7 +15,7 @@ from gsut._core import InputError, SolveError
 from gsut.bounds import name_wrong_kinds
 from gsut.data import Scene
 from gsut.data.poses import find_centers, move_poses
-from gsut.gaussians import Gaussians, transform_gaussians
+from gsut.gaussians import Gaussians, find_nearest_rotation, transform_gaussians
 from gsut.refine.photograph import localize
 
 # Photographs that are located: their mean is then sure to a third of one.
@@ -132,8 +132,7 @@ def align_captures(
 def _fit(here: np.ndarray, there: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
     """Fits scale, rotation and shift to poses (n, 4, 4) in both frames."""
     turns = np.einsum("nji,njk->ik", here[:, :3, :3], there[:, :3, :3])
-    left, _, right = np.linalg.svd(turns)
-    rotation = left @ np.diag([1.0, 1.0, np.sign(np.linalg.det(left @ right))]) @ right
+    rotation = find_nearest_rotation(turns)
     target, source = find_centers(here), find_centers(there) @ rotation.T
     a, b = source - source.mean(axis=0), target - target.mean(axis=0)
     scale = float((a * b).sum() / max((a * a).sum(), np.finfo(float).tiny))

@@ -18,7 +18,6 @@ from gsut.sfm.solution import (
     ReadoutMotion,
     Solution,
     StatedTurns,
-    adjust_registered,
     compare_solutions,
 )
 
@@ -214,10 +213,7 @@ def _adjust(mapping: Mapping, turns: StatedTurns | None) -> Solution | None:
         min_inliers=MIN_INLIERS // 2,
     )  # fmt: skip
     try:
-        held = adjust_registered(
-            solution, mapping.features, mapping.pairs, mapping.options,
-            mapping.log.follow_steps("mapping"), adjustment,
-        )  # fmt: skip
+        held = mapping.adjust(adjustment, stage="mapping")
     except SolveError:
         return None
     if held.num_registered < _AGREE * solution.num_registered:

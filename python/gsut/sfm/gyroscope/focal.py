@@ -17,13 +17,7 @@ from gsut.sfm.lens import (
     hold_focal,
 )
 from gsut.sfm.mapping import Mapping
-from gsut.sfm.solution import (
-    Adjustment,
-    ReadoutMotion,
-    Solution,
-    StatedTurns,
-    adjust_registered,
-)
+from gsut.sfm.solution import Adjustment, ReadoutMotion, Solution, StatedTurns
 
 # Largest factor by which features that share errors weigh less; beyond it a record decides.
 _MOST_SHARED = 1e4
@@ -53,9 +47,7 @@ def find_focal_by_turns(mapping: Mapping) -> Mapping:
         turns=turns,
     )  # fmt: skip
     try:
-        both = adjust_registered(
-            solution, mapping.features, mapping.pairs, mapping.options, adjustment=adjustment
-        )
+        both = mapping.adjust(adjustment)
     except SolveError:
         return mapping
     focal, found = find_focal(both), calibrate_poses(mapping, both, rates)

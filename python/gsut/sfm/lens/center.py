@@ -14,7 +14,7 @@ from gsut.lens import Camera
 from gsut.sfm.lens.candidates import explain_implausible
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import PairMatches, keep_most_distinct
-from gsut.sfm.solution import CENTER, Adjustment, LensFlag, Solution, adjust_registered
+from gsut.sfm.solution import CENTER, Adjustment, LensFlag, Solution
 
 # Share of the prior's standard deviation below which images determine a principal point.
 _DETERMINED = 0.5
@@ -60,10 +60,8 @@ def _adjust(
     is_last: bool = False,
 ) -> Solution:
     """Adjusts everything with these parameters of the lens free."""
-    return adjust_registered(
-        start, mapping.features, pairs, mapping.options, mapping.log.follow_steps("mapping"),
-        Adjustment(flags, lens_settled=is_last, covariances=is_last, extend=is_last),
-    )  # fmt: skip
+    adjustment = Adjustment(flags, lens_settled=is_last, covariances=is_last, extend=is_last)
+    return mapping.adjust(adjustment, start, pairs, "mapping")
 
 
 def _measure_off(lens: Camera) -> tuple[np.ndarray, float]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import SolveError
+from gsut.gaussians import find_nearest_rotation
 from gsut.judge import (
     LEAST_NOISE,
     estimate_share,
@@ -299,9 +300,7 @@ def _fit_turns(
         outer = np.einsum("m,mi,mj->mij", weights, two, one)
         sums = np.zeros((len(sample.images), 3, 3))
         np.add.at(sums, sample.pair, outer)
-        u, _, vt = np.linalg.svd(sums)
-        u[:, :, 2] *= np.linalg.det(u @ vt)[:, None]
-        turned = np.einsum("mij,mj->mi", (u @ vt)[sample.pair], one)
+        turned = np.einsum("mij,mj->mi", find_nearest_rotation(sums)[sample.pair], one)
         residuals = scale * np.cross(turned, two)
         errors = np.linalg.norm(residuals, axis=1) / 2  # of its two directions, and of both rays
         weights = sample.fitted / (1 + (errors / limit) ** 2) ** 2

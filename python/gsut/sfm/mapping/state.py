@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -19,7 +20,14 @@ from gsut.sfm.photographs import (
     Photographs,
     PosesOptions,
 )
-from gsut.sfm.solution import LensFlags, LookAlikes, Solution, StatedTurns
+from gsut.sfm.solution import (
+    Adjustment,
+    LensFlags,
+    LookAlikes,
+    Solution,
+    StatedTurns,
+    adjust_registered,
+)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -135,6 +143,30 @@ class Mapping:
         """
         figures = {**self.found.figures, **(figures or {})}
         return self.replace(found=dataclasses.replace(self.found, figures=figures, **findings))
+
+    def adjust(
+        self,
+        adjustment: Adjustment,
+        start: Solution | None = None,
+        pairs: Sequence[PairMatches] | None = None,
+        stage: str | None = None,
+    ) -> Solution:
+        """Adjusts the images that have a pose; see `adjust_registered`.
+
+        Args:
+            adjustment: what is adjusted.
+            start: None: the run's solution.
+            pairs: None: all of the run's.
+            stage: whose progress the steps are; None: that of a trial is not shown.
+
+        Raises:
+            SolveError: too few points agree with the poses.
+        """
+        shown = {"on_step": self.log.follow_steps(stage)} if stage else {}
+        return adjust_registered(
+            start or self.solved, self.features, self.pairs if pairs is None else pairs,
+            self.options, adjustment=adjustment, **shown,
+        )  # fmt: skip
 
     def select(self, group: LensGroup) -> Mapping:
         """Returns a run of the photographs of one lens, with the matches among them."""

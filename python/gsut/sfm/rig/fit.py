@@ -33,8 +33,6 @@ from gsut.sfm.solution import (
 )
 
 RIG = "rig.json"
-# Share of itself that a motion during a readout may change by once places are stated.
-_PLACED_RATES = 0.1
 
 
 def solve_rig(mapping: Mapping) -> Mapping:
@@ -201,7 +199,7 @@ def adjust_rig_near_places(
     )
     held = _adjust_bodies(
         mapping.replace(solution=solution, lens_free=lens_free), constraint,
-        list(poses), find_body_motion(solution, 1.0, constraint, _PLACED_RATES),
+        list(poses), find_body_motion(solution, 1.0, constraint, ReadoutMotion.sigma),
         StatedPlaces(centers, places.sigma),
     )  # fmt: skip
     return dataclasses.replace(held, initial_pair=solution.initial_pair, restarts=solution.restarts)

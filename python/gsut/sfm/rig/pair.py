@@ -11,7 +11,7 @@ import numpy as np
 from gsut._core import SolveError
 from gsut.data.poses import invert_pose
 from gsut.data.rigs import Rig
-from gsut.gaussians import measure_rotation_angles
+from gsut.gaussians import find_nearest_rotation, measure_rotation_angles
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.photographs import Photographs
 from gsut.sfm.rig.fit import RIG, put_on_rig
@@ -100,9 +100,8 @@ def _find_back_from_front(alone: Solution, photographs: Photographs) -> np.ndarr
     good = apart[middle] <= _SAME
     if good.sum() < max(_FEWEST, len(poses) / 2):
         return None
-    left, _, right = np.linalg.svd(poses[good, :3, :3].sum(axis=0))
     result = np.eye(4)
-    result[:3, :3] = left @ right
+    result[:3, :3] = find_nearest_rotation(poses[good, :3, :3].sum(axis=0))
     # The position of the back lens in the front one's frame does not turn with the cameras.
     place = np.median([invert_pose(pose)[:3, 3] for pose in poses[good]], axis=0)
     result[:3, 3] = -result[:3, :3] @ place

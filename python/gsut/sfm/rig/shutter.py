@@ -11,10 +11,7 @@ from gsut.sfm.mapping import Mapping, RigFit
 from gsut.sfm.rig.fit import put_on_rig
 from gsut.sfm.rig.motion import list_readings
 from gsut.sfm.shutter import VideoShutter, correct_readout, estimate_rates, find_line_order
-from gsut.sfm.solution import Solution
-
-_EXACT = 0.0  # uncertainty of the flow while readout times are compared
-_FLOW = 0.1  # and of the result: share of itself
+from gsut.sfm.solution import ReadoutMotion, Solution
 
 
 def find_rig_shutter(mapping: Mapping) -> Mapping:
@@ -46,7 +43,7 @@ def find_rig_shutter(mapping: Mapping) -> Mapping:
         return mapping
     readouts = np.ones(len(solution.names)) if order.lines is None else order.lines.readouts
 
-    def place(time: float, sigma: float = _EXACT) -> tuple[Solution, RigFit]:
+    def place(time: float, sigma: float = 0.0) -> tuple[Solution, RigFit]:
         moving = dataclasses.replace(
             solution, shutter=order.shutter, lines=order.lines,
             velocities=time * readouts[:, None] * velocities[0],
@@ -59,7 +56,7 @@ def find_rig_shutter(mapping: Mapping) -> Mapping:
         )
         if readout is None:
             return mapping
-        moved, found = place(readout.time, _FLOW)
+        moved, found = place(readout.time, ReadoutMotion.sigma)
     except SolveError:
         return mapping
     if moved.num_registered < solution.num_registered:

@@ -10,6 +10,7 @@ import numpy as np
 from gsut._core import SolveError
 from gsut.data.poses import find_centers
 from gsut.data.rigs import Rig
+from gsut.gaussians import find_nearest_rotation
 
 # Difference from the rig's rotation between two cameras of a frame beyond which one of the images
 # was placed wrongly.
@@ -160,9 +161,8 @@ def _average_poses(
     best = int(np.argmax(observations))
     angles = [np.linalg.norm(_convert_to_degrees(turns[best] @ turn.T)) for turn in turns]
     good = np.array(angles) <= _SAME_DEGREES
-    left, _, right = np.linalg.svd(turns[good].sum(axis=0))
     pose = np.eye(4)
-    pose[:3, :3] = left @ right  # near a rotation: its determinant is 1
+    pose[:3, :3] = find_nearest_rotation(turns[good].sum(axis=0))
     pose[:3, 3] = (seats[good] - centers[good] @ pose[:3, :3].T).mean(axis=0)
     return pose
 

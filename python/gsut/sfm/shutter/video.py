@@ -26,13 +26,7 @@ from gsut.sfm.shutter.readout import (
     estimate_rates,
     estimate_readout_by_flow,
 )
-from gsut.sfm.solution import (
-    Adjustment,
-    ReadoutMotion,
-    Solution,
-    adjust_registered,
-    measure_line_times,
-)
+from gsut.sfm.solution import Adjustment, ReadoutMotion, Solution, measure_line_times
 
 _FEWEST = 8  # images whose motion is known
 _KNOWN = 0.1  # two standard deviations over the time, up to which the time counts as known
@@ -124,7 +118,7 @@ def find_video_shutter(mapping: Mapping) -> VideoShutter:
     Lines are taken to run along the longer side of the picture, as those of a sensor do; of two
     lenses along the same side.
     """
-    solution, options = mapping.solved, mapping.options
+    solution = mapping.solved
     if len(set(solution.cameras)) > 1:
         return VideoShutter(solution, None)
     rates, spread = estimate_velocities(mapping)
@@ -146,10 +140,9 @@ def find_video_shutter(mapping: Mapping) -> VideoShutter:
         if readout is None:
             return nothing
         motion = ReadoutMotion(order.shutter, readout.time, rates)
-        moved = adjust_registered(
-            dataclasses.replace(solution, lines=order.lines), mapping.features, mapping.pairs,
-            options, mapping.log.follow_steps("shutter"),
-            Adjustment(mapping.lens_free, lens_settled=True, motion=motion),
+        moved = mapping.adjust(
+            Adjustment(mapping.lens_free, lens_settled=True, motion=motion, extend=True),
+            dataclasses.replace(solution, lines=order.lines), stage="shutter",
         )  # fmt: skip
     except SolveError:
         return nothing
@@ -163,11 +156,9 @@ def _adjust_trial(
     """Adjusts some images with a readout time; their velocities are the rates' exactly."""
     motion = None
     if shutter is not None:
-        motion = ReadoutMotion(shutter, time, rates, sigma=0.0, extend=False)
-    return adjust_registered(
-        trial, mapping.features, keep_most_distinct(mapping.pairs),
-        mapping.options, adjustment=Adjustment(mapping.one_lens_free, motion=motion),
-    )  # fmt: skip
+        motion = ReadoutMotion(shutter, time, rates, sigma=0.0)
+    adjustment = Adjustment(mapping.one_lens_free, motion=motion)
+    return mapping.adjust(adjustment, trial, keep_most_distinct(mapping.pairs))
 
 
 def _find_order_by_matches(mapping: Mapping, rates: np.ndarray) -> LineOrder | None:

@@ -75,14 +75,12 @@ class ReadoutMotion:
         readout: seconds from the first line to the last.
         rates: (N, 6) velocities per second (see Solution.velocities); NaN: not known.
         sigma: relative deviation of an image's own velocity from its rate.
-        extend: extend tracks at the end.
     """
 
     shutter: Shutter
     readout: float
     rates: np.ndarray
     sigma: float = 0.1
-    extend: bool = True
 
     def to_settings(self) -> dict[str, Any]:
         """Returns the settings that the solver takes."""
@@ -92,11 +90,21 @@ class ReadoutMotion:
         }  # fmt: skip
 
     @classmethod
-    def hold(cls, solution: Solution) -> ReadoutMotion | None:
-        """Returns the motion that keeps a solution's velocities; None: a global shutter."""
+    def follow(cls, solution: Solution) -> ReadoutMotion | None:
+        """Returns the motion near a solution's velocities; None: a global shutter."""
         if solution.shutter is None or solution.velocities is None:
             return None
-        return cls(solution.shutter, 1.0, solution.velocities, sigma=0.0, extend=False)
+        rates = solution.velocities
+        if solution.lines is not None:
+            lengths = np.where(solution.lines.readouts > 0, solution.lines.readouts, np.nan)
+            rates = rates / lengths[:, None]
+        return cls(solution.shutter, 1.0, rates)
+
+    @classmethod
+    def hold(cls, solution: Solution) -> ReadoutMotion | None:
+        """Returns the motion that keeps a solution's velocities; None: a global shutter."""
+        motion = cls.follow(solution)
+        return motion and dataclasses.replace(motion, sigma=0.0)
 
 
 @dataclasses.dataclass(frozen=True)

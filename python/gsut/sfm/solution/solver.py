@@ -114,8 +114,7 @@ def adjust_poses(
         settings.update(adjustment.points.to_settings())
     if adjustment.turns is not None:
         settings.update(adjustment.turns.to_settings())
-    is_extended = adjustment.extend or (motion is not None and motion.extend)
-    if rig is not None or is_extended:
+    if rig is not None or adjustment.extend:
         descriptors = [f.descriptors for f in images.features]
         settings |= _list_extension_settings(descriptors, images.cameras)
     lenses = index_lenses(images.cameras, adjustment.lens_free)

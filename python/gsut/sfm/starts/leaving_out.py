@@ -17,7 +17,6 @@ from gsut.sfm.solution import (
     LookAlikes,
     ReadoutMotion,
     Solution,
-    adjust_registered,
     measure_agreement,
     measure_diagonal,
 )
@@ -101,18 +100,14 @@ def _group_upheld(solution: Solution, pairs: list[PairMatches]) -> np.ndarray:
 
 def _separate(mapping: Mapping, group: np.ndarray) -> Mapping:
     """Adjusts the images of group (N,) 0 alone, and drops the matches that join two groups."""
-    solution, motion = mapping.solved, None
-    if solution.shutter is not None and solution.velocities is not None:
-        motion = ReadoutMotion(solution.shutter, 1.0, solution.velocities)
+    solution = mapping.solved
     start = dataclasses.replace(solution, registered=solution.registered & (group == 0))
     inside = [i for i, (a, b) in enumerate(mapping.raw.pairs) if group[a] == group[b]]
     pairs = [pair for pair in mapping.pairs if group[pair.first] == group[pair.second]]
+    motion = ReadoutMotion.follow(solution)
     adjustment = Adjustment(mapping.lens_free, motion=motion, extend=True, turns=mapping.turns)
-    on_step = mapping.log.follow_steps("mapping")
     return mapping.replace(
         raw=RawMatches(mapping.raw.pairs[inside], [mapping.raw.matches[i] for i in inside]),
         pairs=pairs,
-        solution=adjust_registered(
-            start, mapping.features, pairs, mapping.options, on_step, adjustment
-        ),
+        solution=mapping.adjust(adjustment, start, pairs, "mapping"),
     )

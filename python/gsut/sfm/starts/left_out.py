@@ -15,7 +15,7 @@ from gsut.judge import measure_angular_errors, measure_pixels_per_radian
 from gsut.sfm.lens import join_points
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import PairMatches
-from gsut.sfm.solution import Adjustment, ReadoutMotion, Solution, adjust_registered
+from gsut.sfm.solution import Adjustment, ReadoutMotion, Solution
 from gsut.sfm.starts.halves import MOST_IMAGES
 
 # Share of the joined points that a pose must fit: chance fits one in thousands.
@@ -108,18 +108,12 @@ def _add_images(mapping: Mapping, found: list[tuple[int, int, np.ndarray]]) -> M
         for image, pose in poses.items():
             start.camera_from_world[image], start.registered[image] = pose, True
         pairs = [*mapping.pairs, *_match_images(mapping, start, set(poses))]
-        motion = None
-        if solution.shutter is not None and solution.velocities is not None:
-            motion = ReadoutMotion(solution.shutter, 1.0, solution.velocities)
+        adjustment = Adjustment(
+            mapping.lens_free, motion=ReadoutMotion.follow(solution), extend=True,
+            turns=mapping.turns, min_inliers=_FEWEST,
+        )  # fmt: skip
         try:
-            more = adjust_registered(
-                start, mapping.features, pairs, mapping.options,
-                mapping.log.follow_steps("mapping"),
-                Adjustment(
-                    mapping.lens_free, motion=motion, extend=True, turns=mapping.turns,
-                    min_inliers=_FEWEST,
-                ),
-            )  # fmt: skip
+            more = mapping.adjust(adjustment, start, pairs, "mapping")
         except SolveError:  # the image that holds the scale is one of those that do not fit
             poses = dict(list(poses.items())[: len(poses) // 2])
             continue

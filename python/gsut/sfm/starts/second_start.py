@@ -10,6 +10,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from gsut._core import SolveError
+from gsut.gaussians import find_nearest_rotation
 from gsut.judge.checks import IMPOSSIBLE_TURN, UNUSABLE
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import keep_most_distinct
@@ -131,8 +132,7 @@ def _turn_inside_out(solution: Solution) -> Solution:
     """
     poses, mirror = solution.camera_from_world.copy(), np.diag([1.0, 1.0, -1.0])
     known = poses[solution.registered]
-    left, _, right = np.linalg.svd(known[:, :3, :3].mean(axis=0))
-    middle = left @ np.diag([1, 1, np.linalg.det(left @ right)]) @ right
+    middle = find_nearest_rotation(known[:, :3, :3].mean(axis=0))
     center = np.median(solution.points, axis=0)
     seen = known[:, :3, :3] @ center + known[:, :3, 3]  # stays where it is in each image
     turned = mirror @ known[:, :3, :3] @ middle.T @ mirror @ middle

@@ -16,14 +16,7 @@ from gsut._core import SolveError
 from gsut.data.poses import find_centers
 from gsut.lens import find_focal_params
 from gsut.sfm.mapping import Mapping
-from gsut.sfm.solution import (
-    Adjustment,
-    LensFlags,
-    ReadoutMotion,
-    Solution,
-    StatedPlaces,
-    adjust_registered,
-)
+from gsut.sfm.solution import Adjustment, LensFlags, ReadoutMotion, Solution, StatedPlaces
 
 # Vertical over horizontal error of GPS: satellites are above the receiver only.
 _VERTICAL = 2.0
@@ -105,18 +98,9 @@ def adjust_images(
     Raises:
         SolveError: too few points agree with the poses.
     """
-    motion = None
-    if solution.shutter is not None and solution.velocities is not None:
-        readouts = np.ones(len(solution.names))
-        if solution.lines is not None:
-            readouts = np.where(solution.lines.readouts > 0, solution.lines.readouts, np.nan)
-        rates = np.where(solution.registered[:, None], solution.velocities, np.nan)
-        motion = ReadoutMotion(solution.shutter, 1.0, rates / readouts[:, None])
-    return adjust_registered(
-        solution, mapping.features, mapping.pairs, mapping.options,
-        mapping.log.follow_steps("mapping"),
-        Adjustment(lens_free, extend=True, motion=motion, turns=mapping.turns, **stated),
-    )  # fmt: skip
+    motion = ReadoutMotion.follow(solution)
+    adjustment = Adjustment(lens_free, extend=True, motion=motion, turns=mapping.turns, **stated)
+    return mapping.adjust(adjustment, solution, stage="mapping")
 
 
 def try_adjustment(
