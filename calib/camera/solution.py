@@ -21,7 +21,6 @@ LENSES = {
 # of 270 000 is.
 OUTLIER_SIGMAS = 5.0
 _EXACT_PX = 1e-4  # no detector is more accurate: residuals below this are never outliers
-_MEDIAN_OF_RAYLEIGH = 1.17741  # median length of a 2-D Gaussian vector over its sigma in one axis
 
 
 @dataclass
@@ -89,5 +88,5 @@ def find_outliers(residuals: np.ndarray) -> np.ndarray:
     A residual is NaN if the lens has no image of the corner.
     """
     length = np.linalg.norm(residuals, axis=-1)
-    sigma = np.nanmedian(length) / _MEDIAN_OF_RAYLEIGH
+    sigma = np.nanmedian(length) / np.sqrt(2 * np.log(2))  # the median of Rayleigh's law
     return ~(length <= max(OUTLIER_SIGMAS * sigma, _EXACT_PX))

@@ -6,6 +6,7 @@ import numpy as np
 
 from calib.boards import Board
 from calib.camera import (
+    PIXEL_SHIFT,
     CameraSolution,
     State,
     cross_matrix_from_vector,
@@ -16,16 +17,14 @@ from calib.camera import (
 )
 from calib.errors import SolveError
 from calib.solve import ask
+from gsut import lens
 
-GRID_COLUMNS = 40  # of the map: lenses vary smoothly; the image's shape gives the rows
 UNKNOWN = float("nan")
 
 
 def spread_pixels(width: int, height: int) -> np.ndarray:
     """Places the pixels (rows, columns, 2) of the map evenly, corner centre to corner centre."""
-    rows = max(2, round(GRID_COLUMNS * height / width))
-    x, y = np.meshgrid(np.linspace(0, width - 1, GRID_COLUMNS), np.linspace(0, height - 1, rows))
-    return np.stack([x, y], axis=-1)
+    return lens.spread_pixels(width, height) - PIXEL_SHIFT
 
 
 def map_uncertainty(camera: CameraSolution, board: Board) -> np.ndarray:

@@ -12,9 +12,9 @@ import cv2
 import numpy as np
 
 import gsut
+from gsut.lens import measure_pixel_angle
 from gsut.lifting.back_projection import resize_mask
 from gsut.surface import Mesh, MeshOptions, fuse_depth, render_depth_maps
-from gsut.surface.extract import measure_pixel_angle
 from gsut.surface.mesh_files import load_mesh
 from gsut.surface.rays import cast_world_rays
 from gsut.surface.worth import build_tree, judge_mesh

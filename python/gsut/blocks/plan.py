@@ -8,8 +8,9 @@ from typing import NamedTuple
 
 from gsut._core import InputError
 from gsut.data import Scene
+from gsut.data.scene import SMALLEST_SIDE
 from gsut.gaussians import count_bytes_per_gaussian
-from gsut.run import BlockOptions, TrainOptions, format_size, free_memory
+from gsut.run import PROGRAM_BYTES, BlockOptions, TrainOptions, format_size, free_memory
 from gsut.run.options import Recipe
 
 # Share of all Gaussians that the coarse model of few blocks has: blocks need room to grow.
@@ -26,8 +27,6 @@ SEEDED = 0.8
 _FEWEST_STEPS = 50
 # Fewest Gaussians of the coarse model and of a block.
 _FEWEST_GAUSSIANS = 500
-# Shortest side in pixels of a coarse model's images: smaller ones show nothing.
-_SMALLEST_SIDE = 64
 # Rounds of training: in the second one, blocks see the results of their neighbours.
 ROUNDS = 2
 # Fraction of a block's steps after which the first round ends.
@@ -50,8 +49,6 @@ _PHOTOGRAPH_BYTES = 43
 _PHOTOGRAPHS_KEPT = 3 << 30
 # Photographs that are kept decoded even if memory is short.
 _FEW_VIEWS = 8
-# Bytes of the program and its libraries.
-_PROGRAM_BYTES = 160 << 20
 # Part of the memory limit for pictures that the driver keeps decoded: a sixteenth.
 _CACHE_PART = 16
 # Share of the free memory that is used if no limit is given: other programs need some.
@@ -81,7 +78,7 @@ class TrainingSize(NamedTuple):
         """Estimates the memory that the training takes."""
         row = count_bytes_per_gaussian(self.sh_degree)
         return (
-            _PROGRAM_BYTES
+            PROGRAM_BYTES
             + self.own * (row * _TRAINED_ROWS + _FRAME_BYTES)
             + self.context * (row * _CONTEXT_ROWS + _FRAME_BYTES)
             + _count_pixels(self.scene) * _PIXEL_BYTES
@@ -114,7 +111,7 @@ def _estimate_photograph_bytes(scene: Scene, views: int) -> int:
 def choose_coarse_scale(scene: Scene) -> float:
     """Chooses the size of the coarse model's images relative to the scene's."""
     side = min(min(camera.width, camera.height) for camera in scene.cameras)
-    return _COARSE_SCALE if side * _COARSE_SCALE >= _SMALLEST_SIDE else 1.0
+    return _COARSE_SCALE if side * _COARSE_SCALE >= SMALLEST_SIDE else 1.0
 
 
 def make_coarse_options(options: TrainOptions, blocks: int) -> TrainOptions:
@@ -163,7 +160,7 @@ def limit_cache_bytes(blocks: BlockOptions) -> float:
 def limit_drawn_bytes(blocks: BlockOptions) -> int | None:
     """Returns the bytes of Gaussians drawn for measurement; None: what is free."""
     limit = blocks.parse_memory()
-    return None if limit is None else max(limit - _PROGRAM_BYTES, limit // _CACHE_PART)
+    return None if limit is None else max(limit - PROGRAM_BYTES, limit // _CACHE_PART)
 
 
 def count_at_once(blocks: BlockOptions) -> int:

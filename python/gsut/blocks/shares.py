@@ -12,11 +12,9 @@ from gsut import _core
 from gsut.blocks.segment import TILE
 from gsut.compact import SeenView, blend_by_view, blend_weights, compact, list_seen_views
 from gsut.data import Scene
-from gsut.gaussians import SH_C0, Gaussians, merge_gaussians
+from gsut.gaussians import SH_C0, Gaussians, StoredGaussians, merge_gaussians
 from gsut.render import place_about
 
-# Share of a pixel that counts: a grey level.
-_LEAST = 1 / 255
 # Blocks that are drawn together, one in each colour channel.
 _CHANNELS = 3
 # Views in which the work is measured, and what a block sees of the others, spread evenly.
@@ -103,7 +101,7 @@ def find_shares(
             job = _core.RenderJob(view.camera, place, rule=rule, sh_degree=0, keep=False)
             renderer.render(marked, job, image)
             for channel, block in enumerate(some):
-                shown = view.mask & (image[..., channel] > _LEAST)
+                shown = view.mask & (image[..., channel] > StoredGaussians.LEAST_ALPHA)
                 if shown.any():
                     tiles[row, int(block)] = _mark_tiles(shown, scene.camera(index))
         on_view()

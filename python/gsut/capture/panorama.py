@@ -21,6 +21,7 @@ from gsut.data.images import decode_image
 from gsut.files import claim_name, read_picture, to_file_name, write_json, write_picture
 from gsut.lens import Camera
 from gsut.lens.files import values_from_camera
+from gsut.sampling import ENOUGH_PICTURES, choose_evenly
 
 # Names of the two lenses, which are folders of their pictures.
 LENSES = ["front", "back"]
@@ -28,8 +29,6 @@ LENSES = ["front", "back"]
 MASK = "mask.png"
 # Folder of the two lenses' pictures.
 _SPLIT = "lenses"
-# Pictures that decide what a camera takes, evenly chosen.
-_EXAMINED = 12
 # Grey level below which nothing is seen.
 _DARK = 24
 # Share of a circle's pixels that are brighter in at least one picture.
@@ -75,8 +74,7 @@ def prepare_panoramas(taken: Capture, nadir: float = 0.0) -> Capture:
     width, height = taken.figures["size"]
     paths = [taken.path / row["path"] for row in taken.figures["frames"]]
     if _WIDTHS[0] * height <= width <= _WIDTHS[1] * height:
-        some = [paths[i] for i in np.unique(np.linspace(0, len(paths) - 1, _EXAMINED).astype(int))]
-        brightest, seam = _examine_pictures(some)
+        brightest, seam = _examine_pictures(choose_evenly(paths))
         circles = [_find_circle(half) for half in np.hsplit(brightest[:, : width // 2 * 2], 2)]
         if None not in circles:
             return _split(taken, [c for c in circles if c is not None], nadir)
@@ -113,7 +111,7 @@ def find_other_lens(videos: Sequence[Path]) -> Path | None:
         return None
     common = []
     for path, stream in ((videos[-1], 2 - len(videos)), (videos[0], 0)):
-        start = read_stream_start(path, stream, _EXAMINED)
+        start = read_stream_start(path, stream, ENOUGH_PICTURES)
         if start is None or start[0].shape[1] != start[0].shape[2]:
             return None
         if _find_circle(start[0].max(axis=(0, 3))) is None:

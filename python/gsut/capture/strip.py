@@ -13,6 +13,7 @@ from gsut.data import STRIP
 from gsut.data.images import decode_image
 from gsut.files import write_picture
 from gsut.orientation import count_turns, turn_picture
+from gsut.sampling import choose_evenly
 
 # Height of a picture in pixels.
 _HEIGHT = 96
@@ -33,8 +34,7 @@ def write_strip(folder: Path, rows: Sequence[dict[str, Any]]) -> None:
         folder: of a capture.
         rows: "frames" of capture.json.
     """
-    shown = [rows[i] for i in np.unique(np.linspace(0, len(rows) - 1, _MOST).round().astype(int))]
-    tiles = [_draw_tile(folder / row["path"], row) for row in shown]
+    tiles = [_draw_tile(folder / row["path"], row) for row in choose_evenly(rows, _MOST)]
     width = max(tile.shape[1] for tile in tiles)
     lines = []
     for start in range(0, len(tiles), _COLUMNS):

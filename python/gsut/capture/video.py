@@ -22,6 +22,7 @@ from gsut._core import InputError
 from gsut.capture.boxes import check_tables, count_films, is_without_index
 from gsut.capture.streams import find_quarter_turns, is_mirrored, is_woven, list_films, show_upright
 from gsut.files import check_regular, find_kind, open_binary, register_reader
+from gsut.lens import MOST_STRETCH
 
 # GoPro's firmware names since HERO9; before, HD8 is HERO8.
 _GOPRO = {
@@ -32,8 +33,6 @@ _GOPRO = {
 _DURATION_UNITS = 1e6
 # Frames per second of a file that does not say.
 _USUAL_RATE = 30.0
-# Widths of a pixel to its height that no camera has, nor the other way round: a damaged header.
-_MOST_STRETCH = 4.0
 # Curves of films for bright screens, by their numbers in ITU-T H.273.
 _BRIGHT_CURVES = {16: "PQ", 18: "HLG"}
 # Bytes at either end of a file that are searched for the camera's name.
@@ -207,7 +206,7 @@ class Video:
 def _find_stretch(stream: Any) -> float:
     """Finds how many times as wide as high a stream's pixels are; 1 where it says nothing usual."""
     ratio = float(stream.sample_aspect_ratio or 1)
-    return ratio if 1 / _MOST_STRETCH < ratio < _MOST_STRETCH else 1.0
+    return ratio if 1 / MOST_STRETCH < ratio < MOST_STRETCH else 1.0  # else the header is damaged
 
 
 def _stretch_size(stored: Any, stretch: float) -> tuple[int, int]:

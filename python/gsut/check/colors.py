@@ -8,10 +8,11 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.check.findings import Finding
-from gsut.check.samples import FEWEST, choose_views
+from gsut.check.samples import FEWEST
 from gsut.data import Scene, list_some
 from gsut.data.scene import find_visible_points
 from gsut.run import Progress
+from gsut.sampling import choose_evenly
 
 EXPECTED_R = 0.5  # correlation; good real data reach 0.7 to 0.95
 _STOPS = 0.7  # photographic stops by which a view may be brighter or darker than the others
@@ -30,7 +31,7 @@ def check_colors(scene: Scene, *, progress: bool = True) -> Iterator[Finding]:
     """
     if len(scene.points) < FEWEST or np.ptp(scene.point_colors) == 0:
         return
-    views = Progress(progress).iterate("colours", choose_views(range(len(scene))))
+    views = Progress(progress).iterate("colours", choose_evenly(range(len(scene))))
     seen = {view: each for view in views if (each := _see_points(scene, view)) is not None}
     per_view = {view: r for view, each in seen.items() if (r := _correlate(each)) is not None}
     where = str(scene.path)

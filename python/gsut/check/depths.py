@@ -9,9 +9,10 @@ import numpy as np
 from gsut._core import InputError
 from gsut.check.evidence import Evidence, gather_evidence
 from gsut.check.findings import Finding
-from gsut.check.samples import FEWEST, choose_views
+from gsut.check.samples import FEWEST
 from gsut.data import Scene
 from gsut.data.scene import find_visible_points, read_depth
+from gsut.sampling import choose_evenly
 
 _NEAR_AXIS = 0.97  # cosine to the axis above which z and distance differ too little to decide
 _AGREES = 0.02  # median relative difference below which files agree with points
@@ -86,7 +87,7 @@ def _warn(scene: Scene, what: str, advice: str) -> Finding:
 
 def _sample_points(scene: Scene) -> Iterator[tuple[np.ndarray, ...]]:
     views = [view for view, each in enumerate(scene.views) if each.depth_path is not None]
-    for view in choose_views(views) if len(scene.points) else ():
+    for view in choose_evenly(views) if len(scene.points) else ():
         yield _look_up(scene, view, *find_visible_points(scene, view, scene.points)[1:])
 
 

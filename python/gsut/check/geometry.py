@@ -7,9 +7,10 @@ from collections.abc import Iterator
 import numpy as np
 
 from gsut.check.findings import Finding, make_reporters
-from gsut.check.samples import FEWEST, POINTS, SIDE
+from gsut.check.samples import FEWEST, SIDE
 from gsut.data import Scene, list_some
 from gsut.data.points import UNCOLORED, has_colors
+from gsut.sampling import ENOUGH_SAMPLES
 
 _NO_RAY_MUCH = 0.4  # share of pixels; a 180-degree circle in a square image leaves 0.21
 _NARROWEST = 1.0  # degrees off the axis, which the longest photographic lenses see
@@ -181,7 +182,7 @@ def check_points(scene: Scene) -> Iterator[Finding]:
 
 def _find_seen_points(scene: Scene) -> np.ndarray:
     """Returns (V, P) bool: which of some evenly chosen points lie in each view's image."""
-    step = -(-len(scene.points) // POINTS)
+    step = -(-len(scene.points) // ENOUGH_SAMPLES)
     points = scene.points[::step]
     seen = np.zeros((len(scene), len(points)), bool)
     for index, view in enumerate(scene.views):

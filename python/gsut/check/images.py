@@ -9,10 +9,11 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.check.findings import Finding, finding_from_error
-from gsut.check.samples import SIDE, choose_views
+from gsut.check.samples import SIDE
 from gsut.data import Scene, list_some
 from gsut.data.images import find_largest_value, shrink_mask
 from gsut.run import Progress
+from gsut.sampling import choose_evenly
 
 _THUMB = 32  # pixels a side of a thumbnail: enough to distinguish two frames of a film
 _BLURRY = 0.3  # share of the dataset's median sharpness below which an image counts as blurred
@@ -43,7 +44,7 @@ class ImageStats:
 def check_bits(scene: Scene) -> Iterator[Finding]:
     """Checks whether files of 16 bits hold 10, 12 or 14; decodes some of them."""
     largest = 0
-    for index in choose_views(range(len(scene))):
+    for index in choose_evenly(range(len(scene))):
         try:
             found = find_largest_value(scene.views[index].image_path)
         except InputError:  # reported by the other checks
@@ -67,7 +68,7 @@ def check_seams(scene: Scene) -> Iterator[Finding]:
     """Checks whether the left and right edges of panoramas meet; decodes some of them."""
     views = [k for k in range(len(scene)) if scene.camera(k).model == "equirectangular"]
     ratios = []
-    for view in choose_views(views):
+    for view in choose_evenly(views):
         try:
             pixels, mask = scene.image(view).astype(np.float32), scene.mask(view)
         except InputError:  # reported by the other checks

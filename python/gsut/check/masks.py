@@ -8,9 +8,10 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.check.findings import Finding
-from gsut.check.samples import SIDE, choose_views
+from gsut.check.samples import SIDE
 from gsut.data import Scene
 from gsut.data.images import decode_mask, shrink_image, shrink_mask
+from gsut.sampling import choose_evenly
 
 _MOST = 0.5  # share of the pixels from which a mask may be inverted
 
@@ -19,7 +20,7 @@ def check_masks(scene: Scene) -> Iterator[Finding]:
     """Reads some of the masks; yields the share that they leave out, and what is wrong with it."""
     masked = [i for i, view in enumerate(scene.views) if view.mask_path is not None]
     shares, details = [], []
-    for index in choose_views(masked):
+    for index in choose_evenly(masked):
         path = scene.views[index].mask_path
         assert path is not None
         try:

@@ -7,14 +7,13 @@ from collections.abc import Iterator
 from gsut.check.findings import Finding
 from gsut.data import DatasetError, Scene
 from gsut.optimize import DENSIFY_FROM, compute_target_size, find_last_densification
-from gsut.run import TrainOptions, format_size, free_memory
+from gsut.run import PROGRAM_BYTES, TrainOptions, format_size, free_memory
 
 _FIRST = 10_000  # Gaussians with which a scene without points begins, at least
 # Lower bounds: a training that exceeds them cannot run.
 _ROWS = 4  # arrays of a Gaussian's size: parameters, gradient and two moments
 _RECORD_BYTES = 200  # of a Gaussian's records in a frame
 _PIXEL_BYTES = 100  # of a pixel's ray, target, image, gradient and loss
-_PROGRAM_BYTES = 150 << 20  # of Python with its libraries
 
 
 def check_memory(scene: Scene, options: TrainOptions | None = None) -> Iterator[Finding]:
@@ -27,7 +26,7 @@ def check_memory(scene: Scene, options: TrainOptions | None = None) -> Iterator[
     o = options or TrainOptions()
     width, height = _find_largest(scene, o)
     count = _count_gaussians(scene, o)
-    size = width * height * _PIXEL_BYTES + count * _count_bytes(o.sh_degree) + _PROGRAM_BYTES
+    size = width * height * _PIXEL_BYTES + count * _count_bytes(o.sh_degree) + PROGRAM_BYTES
     what = (
         f"training takes about {format_size(size)} of memory (images of up to {width} x {height}, "
         f"{count:,} Gaussians of degree {o.sh_degree})"

@@ -9,10 +9,11 @@ import numpy as np
 from gsut.check.colors import EXPECTED_R, correlate_colors
 from gsut.check.evidence import Evidence
 from gsut.check.findings import Finding
-from gsut.check.samples import FEWEST, POINTS, choose_views
+from gsut.check.samples import FEWEST
 from gsut.data import Scene
 from gsut.data.points import has_colors
 from gsut.judge import list_signed_permutations
+from gsut.sampling import ENOUGH_SAMPLES, choose_evenly
 
 _UNITS = {  # points' unit over the poses' -> names of both
     1e-3: ("metres", "millimetres"),
@@ -84,10 +85,10 @@ class _PointColors:
     """Compares the colours of some points with some photographs, as given or moved."""
 
     def __init__(self, scene: Scene) -> None:
-        step = -(-len(scene.points) // POINTS)
+        step = -(-len(scene.points) // ENOUGH_SAMPLES)
         self._points, self._colors = scene.points[::step], scene.point_colors[::step]
         self._scene = scene
-        self._views = choose_views(range(len(scene)))
+        self._views = choose_evenly(range(len(scene)))
         self.given = self.correlate(np.eye(3))
 
     def correlate(self, change: np.ndarray) -> float:

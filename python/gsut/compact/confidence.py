@@ -12,11 +12,7 @@ from gsut.bounds import name_wrong_kinds
 from gsut.compact.scores import LONGER_SIDE, Passes, SeenView, paint_grey
 from gsut.gaussians import SH_C0, Gaussians
 from gsut.render import Confidence, Light, render
-
-# Held-out views that calibrate, spread evenly: each takes a render.
-_MOST_HELD_OUT = 16
-# Pixels of a held-out view that calibrate, spread evenly: neighbours err alike.
-_MOST_PIXELS = 20_000
+from gsut.sampling import ENOUGH_SAMPLES, choose_evenly
 
 
 @name_wrong_kinds
@@ -49,7 +45,7 @@ def measure_confidence(
     if not scene.train_indices:
         raise InputError(f"{scene.path} has no training view to compare renders with")
     gaussians = gaussians.order_by_centers()
-    tests = scene.test_indices[:: -(-len(scene.test_indices) // _MOST_HELD_OUT) or 1]
+    tests = choose_evenly(scene.test_indices)
     done, total = 0, len(scene.train_indices) + len(tests)
     weight, squares, differences = np.zeros((3, len(gaussians)))
     for each, difference in _sum_differences(scene, gaussians, background, light):
@@ -67,7 +63,8 @@ def measure_confidence(
         )  # fmt: skip
         found = _compare(scene, index, result.image, light) / confidence.expect_differences(result)
         found = found[scene.mask(index) & np.isfinite(found)]
-        ratios.append(found[:: -(-found.size // _MOST_PIXELS) or 1])
+        # Neighbouring pixels err alike: some, spread evenly, suffice.
+        ratios.append(found[:: -(-found.size // ENOUGH_SAMPLES) or 1])
         done += 1
         on_view(done, total)
     return confidence.calibrate([each for each in ratios if each.size])

@@ -20,12 +20,11 @@ from gsut.data.layouts import DEPTH_FOLDERS
 from gsut.data.listing import Frame, Listing
 from gsut.data.points import find_usable_points
 from gsut.data.poses import invert_pose
-from gsut.data.scene import TEST_EVERY, Scene, View, split_views
+from gsut.data.scene import HALF_PIXEL, TEST_EVERY, Scene, View, split_views
 from gsut.files import split_numbers
 from gsut.lens import Camera
 from gsut.orientation import count_turns
 
-HALF_PIXEL = 0.5  # a down-scaled copy's size may be rounded by this much
 _PANORAMA_SHAPE = 0.05  # relative difference to twice as wide as high: rows cut off at a pole
 SAME_POSE = 1e-9  # relative difference of two poses of a frame that is listed twice
 

@@ -72,15 +72,11 @@ class Archive:
 
 
 @contextlib.contextmanager
-def open_archive(
-    path: PathLike, *, most_bytes: int | None = None, fails: Fails = FileError
-) -> Iterator[Archive]:
+def open_archive(path: PathLike, *, fails: Fails = FileError) -> Iterator[Archive]:
     """Opens a zip archive; every failure within the block names the file.
 
     Args:
         path: the file.
-        most_bytes: that all members together may unpack to; by default 256 MiB, or 64 times the
-            file's size where that is more.
         fails: makes the error.
 
     Raises:
@@ -89,18 +85,18 @@ def open_archive(
     """
     with open_binary(path, fails=fails) as file:
         size = os.fstat(file.fileno()).st_size
-        most = max(_MOST_UNPACKED, _MOST_RATIO * size) if most_bytes is None else most_bytes
         try:
             archive = zipfile.ZipFile(file)
         except (zipfile.BadZipFile, OSError, NotImplementedError) as error:
             what = "is empty" if size == 0 else f"is not a whole zip archive ({error})"
             raise FileError(path, what, _DAMAGED) from None
         with archive:
-            _check_members(path, archive.infolist(), size, most)
+            _check_members(path, archive.infolist(), size)
             yield Archive(path, archive)
 
 
-def _check_members(path: PathLike, entries: list[zipfile.ZipInfo], size: int, most: int) -> None:
+def _check_members(path: PathLike, entries: list[zipfile.ZipInfo], size: int) -> None:
+    most = max(_MOST_UNPACKED, _MOST_RATIO * size)
     names = [entry.filename for entry in entries]
     for entry in entries:
         problem = ""

@@ -67,23 +67,20 @@ def restore_largest(largest: np.ndarray, others: np.ndarray) -> np.ndarray:
     return q.astype(np.float32)
 
 
-def build_codebook(values: np.ndarray, entries: int = 256, rounds: int = 20) -> np.ndarray:
-    """Builds the best few values to represent many (Lloyd's algorithm in one dimension).
+def build_codebook(values: np.ndarray) -> np.ndarray:
+    """Builds the best 256 values to represent many (Lloyd's algorithm in one dimension).
 
     Args:
         values: of any shape, at least one.
-        entries: how many to return.
-        rounds: at most.
 
     Returns:
-        (entries,) float32, rising; starts from equal shares of values and of their range by turns.
+        (256,) float32, rising; starts from equal shares of values and of their range.
     """
     data = np.sort(values.astype(np.float64), axis=None)
-    shares = data[np.linspace(0, len(data) - 1, entries // 2).astype(np.int64)]
-    ranges = np.linspace(data[0], data[-1], entries - len(shares))
-    centers = np.sort(np.concatenate([shares, ranges]))
+    shares = data[np.linspace(0, len(data) - 1, 128).astype(np.int64)]
+    centers = np.sort(np.concatenate([shares, np.linspace(data[0], data[-1], 128)]))
     sums = np.concatenate([[0.0], np.cumsum(data)])
-    for _ in range(rounds):
+    for _ in range(20):
         ends = np.searchsorted(data, 0.5 * (centers[1:] + centers[:-1]))
         bounds = np.concatenate([[0], ends, [len(data)]])
         counts = np.diff(bounds)

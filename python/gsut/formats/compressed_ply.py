@@ -32,8 +32,7 @@ _BOUNDS = [
 ]
 _PACKED = ("packed_position", "packed_rotation", "packed_scale", "packed_color")
 _THREE_BITS = (11, 10, 11)  # of x, y, z in one number
-_LEAST_LOG_SCALE = -20.0  # that readers of the format accept
-_MOST_LOG_SCALE = 20.0  # likewise
+_MOST_LOG_SCALE = 20.0  # either way, that readers of the format accept
 _SH_RANGE = 8.0  # a byte spans -4 to 4
 
 
@@ -41,7 +40,7 @@ def _write(path: Path, gaussians: Gaussians, settings: WriteSettings) -> Written
     """Writes Gaussians in Morton order, so that those of a chunk lie close together."""
     order = order_by_morton_code(gaussians.means)
     g = gaussians[order]
-    log_scales = np.clip(g.log_scales, _LEAST_LOG_SCALE, _MOST_LOG_SCALE)
+    log_scales = np.clip(g.log_scales, -_MOST_LOG_SCALE, _MOST_LOG_SCALE)
     position_bounds, position = _scale_chunks(g.means)
     scale_bounds, scale = _scale_chunks(log_scales)
     color_bounds, color = _scale_chunks(0.5 + SH_C0 * g.sh[:, 0])

@@ -13,6 +13,7 @@ from gsut.lens.field import (
     find_focal_params,
     has_focal_length,
     measure_field_of_view,
+    measure_pixel_angle,
     spread_pixels,
     with_field_of_view,
     with_scaled_focal,
@@ -21,4 +22,5 @@ from gsut.lens.files import camera_from_info, info_from_camera, load_camera, sav
 from gsut.lens.fit_rays import fit_camera
 from gsut.lens.fit_spline import fit_control_points
 from gsut.lens.focal_prior import FocalPrior
+from gsut.lens.plausible import MOST_STRETCH
 from gsut.lens.refinable import find_refinable_params

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from gsut import _core
 from gsut._core import InputError
 from gsut.bounds import LEAST_SCALE, check_number
 from gsut.lens.camera import Camera
@@ -35,6 +36,14 @@ def spread_pixels(width: int, height: int) -> np.ndarray:
     rows = max(2, round(_GRID_COLUMNS * height / width))
     x = np.linspace(0.5, width - 0.5, _GRID_COLUMNS)
     return np.stack(np.meshgrid(x, np.linspace(0.5, height - 0.5, rows)), axis=-1)
+
+
+def measure_pixel_angle(camera: _core.Camera) -> float:
+    """Measures the median angle between the rays of neighbouring pixels, radians; 1 without any."""
+    rays, valid = camera.rays()
+    both = valid[:, 1:] & valid[:, :-1]
+    apart = np.linalg.norm((rays[:, 1:] - rays[:, :-1])[both], axis=1)
+    return float(np.median(apart)) if len(apart) else 1.0
 
 
 def has_focal_length(camera: Camera) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 from gsut import _core
 from gsut._core import InputError
 
-MOST_STRETCH = 4.0  # of one focal length over the other; anamorphic lenses have 2
+MOST_STRETCH = 4.0  # of a focal length, or a pixel, over the other; anamorphic lenses have 2
 _FOCAL_RANGE = (1e-3, 1e4)  # focal length over the image's longer side
 _NARROWEST = 1e-4  # radians between the farthest rays: a telescope's field is ten times that
 _GRID = 9  # pixels along each side whose rays are compared

@@ -19,11 +19,12 @@ from gsut.bounds import name_wrong_kinds
 from gsut.data.images import shrink_image, shrink_mask
 from gsut.data.poses import find_centers
 from gsut.gaussians import Gaussians
+from gsut.lens import measure_pixel_angle
 from gsut.refine.agreement import measure_agreement
 from gsut.refine.matched_views import SURE_MATCHES, Start, find_pose_by_matches
 from gsut.refine.pose import PIXEL_BLUR, RefinedPose
 from gsut.refine.query import Query
-from gsut.refine.secants import measure_pixel_angle, place_lines
+from gsut.refine.secants import place_lines
 from gsut.render import PixelFilter, place_about, render, to_uint8
 from gsut.sfm.photographs import require_central
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from gsut._core import exp_pose
 from gsut.data.poses import find_centers
+from gsut.gaussians import find_rotation_vectors
 
 # Spread of camera centres relative to their size: below it they determine no scale.
 _SMALLEST_SPREAD = 1e-12
@@ -105,15 +106,4 @@ def _poses_from_rotations(rotations: np.ndarray, centers: np.ndarray) -> np.ndar
 def _compute_turns(after: np.ndarray, before: np.ndarray) -> np.ndarray:
     """Computes (N, 3) rotation vectors, world axes, from axes of `before` to those of `after`."""
     relative = np.einsum("nji,njk->nik", after[:, :3, :3], before[:, :3, :3])
-    axis = np.stack(
-        [
-            relative[:, 2, 1] - relative[:, 1, 2],
-            relative[:, 0, 2] - relative[:, 2, 0],
-            relative[:, 1, 0] - relative[:, 0, 1],
-        ],
-        axis=1,
-    )
-    sine = np.linalg.norm(axis, axis=1, keepdims=True) / 2
-    cosine = (np.trace(relative, axis1=1, axis2=2)[:, None] - 1) / 2
-    angle = np.arctan2(sine, cosine)
-    return axis / 2 * np.where(sine > 1e-12, angle / np.maximum(sine, 1e-12), 1.0)
+    return find_rotation_vectors(relative)

@@ -14,11 +14,11 @@ from gsut.bounds import name_wrong_kinds
 from gsut.data.images import shrink_image, shrink_mask
 from gsut.data.poses import find_centers
 from gsut.gaussians import Gaussians, find_pixel_sizes
+from gsut.lens import measure_pixel_angle
 from gsut.refine.pixel_rows import NOISE_BLOCKS, POSE
 from gsut.refine.secants import (
     MOST_ROUNDS,
     SecantPose,
-    measure_pixel_angle,
     refine_by_secants,
 )
 from gsut.render import DEFAULT_UNSCENTED, PixelFilter, place_about

@@ -18,6 +18,7 @@ import numpy as np
 from gsut._core import Camera, CameraMotion, Renderer, RenderJob, Shutter, moved_pose
 from gsut.gaussians import OPAQUE, Gaussians
 from gsut.least_squares import minimize_least_squares
+from gsut.lens import measure_pixel_angle
 from gsut.refine.pixel_rows import (
     LOSS_SCALE,
     NOISE_BLOCKS,
@@ -388,11 +389,3 @@ def _measure_units(gaussians: Gaussians, camera: Camera, pose: np.ndarray) -> np
         # Parallax is that of the mean inverse distance.
         distance = 1.0 / float(np.mean(seen.alpha[opaque] / seen.depth[opaque]))
     return measure_pixel_angle(camera) * np.repeat([distance, 1.0], 3)
-
-
-def measure_pixel_angle(camera: Camera) -> float:
-    """Measures the median angle between the rays of neighbouring pixels, radians."""
-    rays, valid = camera.rays()
-    both = valid[:, 1:] & valid[:, :-1]
-    apart = np.linalg.norm((rays[:, 1:] - rays[:, :-1])[both], axis=1)
-    return float(np.median(apart)) if len(apart) else 1.0

@@ -12,6 +12,7 @@ from gsut._core import InputError
 from gsut.files import read_text
 
 _SMALL = 256 << 20  # bytes that are taken without a check
+PROGRAM_BYTES = 160 << 20  # of Python with its libraries
 # Where Linux lists all control groups, and those of this process.
 _GROUPS = Path("/sys/fs/cgroup")
 _OWN_GROUPS = Path("/proc/self/cgroup")

@@ -9,10 +9,10 @@ import numpy as np
 from gsut._core import SolveError
 from gsut.data import list_some
 from gsut.judge.checks import UNUSABLE
-from gsut.sfm.learned import A_FEW, add_learned_features
+from gsut.sfm.learned import add_learned_features
 from gsut.sfm.lens import search_lenses
 from gsut.sfm.mapping import Mapping
-from gsut.sfm.matches import are_connected, explain_failure, require_overlap
+from gsut.sfm.matches import FEW_IMAGES, are_connected, explain_failure, require_overlap
 from gsut.sfm.rig import solve_rig
 from gsut.sfm.solution import measure_diagonal, solve_poses
 from gsut.sfm.starts import (
@@ -40,7 +40,7 @@ def map_connected(mapping: Mapping) -> Mapping:
             raise
         failure = error
     off = 0.0
-    if failure is None and len(absent) <= A_FEW and _measure_spread(plain, 1) > UNUSABLE:
+    if failure is None and len(absent) <= FEW_IMAGES and _measure_spread(plain, 1) > UNUSABLE:
         off = _measure_spread(plain)  # one draw of the halves suffices where it is small
     is_weak = off > UNUSABLE
     wanted = absent & np.array([len(each) > 0 for each in mapping.features])  # those that were read

@@ -8,8 +8,8 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.bounds import name_wrong_kinds
+from gsut.lens import measure_pixel_angle
 from gsut.surface.depth_map import DepthMap
-from gsut.surface.extract import measure_pixel_angle
 from gsut.surface.mesh import Mesh
 from gsut.surface.rays import cast_world_rays
 

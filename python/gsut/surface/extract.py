@@ -12,8 +12,10 @@ from gsut._core import CameraMotion, InputError
 from gsut.bounds import check_number, name_wrong_kinds
 from gsut.data import Scene
 from gsut.data.poses import find_centers
+from gsut.lens import measure_pixel_angle
 from gsut.render import render, render_surface, to_uint8
 from gsut.run import check_fits, free_memory
+from gsut.sampling import ENOUGH_SAMPLES
 from gsut.surface.depth_map import DepthMap, list_views
 from gsut.surface.mesh import Mesh
 from gsut.surface.rays import cast_onto
@@ -33,7 +35,6 @@ _MAP_BYTES = 20  # of a pixel of a depth map
 _REFINE_BYTES = 20  # more of one that is refined: normal, grey value, a second depth and weight
 _NEAR = 0.05  # of the distance: where a mesh takes the place of a depth that it was made of
 _LENS_BYTES = 25  # of a pixel of a lens
-_SAMPLED = 20_000  # points that measure a scene's size
 _SMALL_PART = 1e-3  # of the faces: connected parts below are left out
 _BEHIND = 2.0  # voxels that a coloured point may lie behind a view's surface
 
@@ -331,7 +332,7 @@ def _choose_voxel(
     o: MeshOptions,
 ) -> tuple[float, float]:
     """Chooses voxel and radius of even voxels, in world units."""
-    each = max(1, _SAMPLED // len(maps))
+    each = max(1, ENOUGH_SAMPLES // len(maps))
     away, widths = [], []
     for m, place, at in zip(maps, places, centers, strict=True):
         rays = m.camera.rays()[0].reshape(-1, 3)
@@ -354,9 +355,3 @@ def _choose_voxel(
     low, high = np.percentile(points, (1, 99), axis=0)
     extent = 2 * inner if is_open else float((high - low).max())
     return max(float(np.median(np.concatenate(widths))), extent / _MOST_VOXELS), inner
-
-
-def measure_pixel_angle(camera: Any) -> float:
-    """Measures the median radians between neighbouring pixels."""
-    rays = camera.rays()[0]
-    return float(np.nanmedian(np.linalg.norm(np.diff(rays, axis=1), axis=2)))

@@ -23,7 +23,7 @@ SHARES = (1.0, 0.5, 0.25)
 _MOST_MARKS = 1000
 # Pixels above which a frame is large: more than full HD takes seconds on a small machine.
 _LARGE_PIXELS = 1920 * 1080
-# JPEG quality of a frame at rest.
+# JPEG quality of a frame at rest, and of a photograph.
 FULL_QUALITY = 92
 # Shapes of a request's values, see `check_shape`; the page sends null for what is not chosen.
 NONE = type(None)

@@ -27,7 +27,7 @@ from gsut.render import (
     with_surroundings,
 )
 from gsut.view.frame_request import FULL_QUALITY, FrameRequest
-from gsut.view.lenses import Lenses
+from gsut.view.lenses import MOST_KEPT, Lenses
 from gsut.view.measure import find_point_at
 from gsut.view.overlays import (
     draw_cameras,
@@ -44,8 +44,6 @@ _RANGE_PERCENT = (2.0, 98.0)
 _MOST_ERROR = 0.25
 # Photographs that decide how fine a Gaussian was seen, evenly chosen.
 _FILTER_CAMERAS = 8
-# Most pixels of a frame whose buffers the next one uses again: a 4k screen's, and half more.
-_MOST_KEPT = 12_000_000
 # Pixels between samples for the range of distances.
 _SAMPLES = 7
 
@@ -75,7 +73,7 @@ class Frames:
 
     def _release_large(self, camera: Camera) -> None:
         """Gives back the memory of a frame larger than those that screens request."""
-        if camera.width * camera.height > _MOST_KEPT:
+        if camera.width * camera.height > MOST_KEPT:
             self._buffers, self._renderer = (), _core.Renderer()
 
     def encode(self, request: FrameRequest) -> tuple[bytes, str, tuple[float, float] | None]:

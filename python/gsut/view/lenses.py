@@ -31,8 +31,9 @@ from gsut.lens.files import OWN_SUFFIX, values_from_camera
 
 # Most pixels of one frame: eight times those of a 4k screen half its width.
 MOST_DRAWN = 33_000_000
-# Most pixels of resized cameras together; each keeps a ray of 24 bytes a pixel.
-_MOST_PIXELS = 12_000_000
+# Most pixels of a frame whose buffers the next one uses again, and of resized cameras together,
+# each of which keeps a ray of 24 bytes a pixel: those of a 4k screen, and half more.
+MOST_KEPT = 12_000_000
 # Longest side of an image in pixels, of what any sensor or screen has.
 _MOST_SIDE = 65_536
 # Most parameters with a slider: more do not fit the panel.
@@ -102,10 +103,10 @@ class Lenses:
         with self._lock:
             if key not in self._resized:
                 resized = lens.resize(width, height)
-                if width * height > _MOST_PIXELS:
+                if width * height > MOST_KEPT:
                     return resized  # kept, it would hold a gigabyte for one frame
                 self._resized[key] = resized
-                while self._count_pixels() > _MOST_PIXELS:
+                while self._count_pixels() > MOST_KEPT:
                     self._resized.popitem(last=False)
             self._resized.move_to_end(key)
             return self._resized[key]

@@ -25,6 +25,7 @@ from gsut.files import (
 from gsut.formats import WriteSettings, prepare_for_file, save_gaussians
 from gsut.gaussians import order_by_morton_code
 from gsut.orientation import turn_size
+from gsut.sampling import choose_evenly
 from gsut.view.named_views import NamedView
 from gsut.view.stage import Stage
 
@@ -222,9 +223,7 @@ def _choose_photographs(stage: Stage, most: int) -> list[int]:
     """Chooses evenly among the held-out photographs; among all where none is held out."""
     if stage.scene is None or most < 1:
         return []
-    rows = list(stage.scene.test_indices or range(len(stage.scene)))
-    places = np.linspace(0, len(rows) - 1, min(most, len(rows))).round().astype(int)
-    return [rows[place] for place in places]
+    return choose_evenly(stage.scene.test_indices or range(len(stage.scene)), most)
 
 
 def _describe(session: Any, rows: list[int]) -> dict[str, Any]:

@@ -20,7 +20,7 @@ from gsut.gaussians import Gaussians
 from gsut.lens import camera_models
 from gsut.lens.files import values_from_camera
 from gsut.orientation import turn_camera, turn_picture, turn_size
-from gsut.view.frame_request import FRAME, MODES, POSE, SIZE, TURNS, FrameRequest
+from gsut.view.frame_request import FRAME, FULL_QUALITY, MODES, POSE, SIZE, TURNS, FrameRequest
 from gsut.view.frames import Frames
 from gsut.view.lenses import LENS, Lenses
 from gsut.view.named_views import read_named_view
@@ -30,8 +30,6 @@ from gsut.view.server import Reply, Route, declare_values
 from gsut.view.shown_gaussians import ShownGaussians
 from gsut.view.stage import Stage
 
-# JPEG quality of a photograph.
-_PHOTO_QUALITY = 90
 # Quality of a photograph as WebP, in a page of one file: as good to the eye, half the bytes.
 _WEBP_QUALITY = 80
 # Colour that tints what a mask leaves out.
@@ -156,7 +154,7 @@ class Session:
         if values.get("kind") == "webp":
             _, data = cv2.imencode(".webp", bgr, [cv2.IMWRITE_WEBP_QUALITY, _WEBP_QUALITY])
             return Reply(data.tobytes(), "image/webp", keep=True)
-        _, data = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, _PHOTO_QUALITY])
+        _, data = cv2.imencode(".jpg", bgr, [cv2.IMWRITE_JPEG_QUALITY, FULL_QUALITY])
         return Reply(data.tobytes(), "image/jpeg", keep=True)
 
     def _shrink_photograph(self, scene: Scene, index: int, side: int, tinted: bool) -> np.ndarray:

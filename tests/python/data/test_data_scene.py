@@ -234,7 +234,7 @@ def test_replaced_scene_shares_what_is_decoded_and_nothing_else_changes(tmp_path
 
 
 def test_training_views_own_poses_and_lenses_at_every_resolution(tmp_path, monkeypatch):
-    monkeypatch.setattr("gsut.data.scene.training_views._SMALLEST_SIDE", 8)
+    monkeypatch.setattr("gsut.data.scene.training_views.SMALLEST_SIDE", 8)
     views = TrainingViews(load_dataset(small.write_nerfstudio(tmp_path)), (0.3, 0.6))
     level = views.select_level(0.5)
     assert level.scene.camera(0).width == small.WIDTH // 2

@@ -197,7 +197,7 @@ def test_choose_pairs_rules(rng, monkeypatch):
     monkeypatch.setattr(matching, "WINDOW", 1)
     near = choose_pairs(names, scene.features, PosesOptions(pairs="sequential"))
     assert near.tolist() == [[0, 1], [0, 2], [0, 4], [1, 2], [1, 3], [2, 3], [2, 4], [3, 4]]
-    monkeypatch.setattr(matching, "_NEIGHBORS", 2)
+    monkeypatch.setattr(matching, "_MOST_PARTNERS", 2)
     alike = choose_pairs(names, scene.features, PosesOptions(pairs="similar"))
     assert 5 <= len(alike) <= 10 and (alike[:, 0] < alike[:, 1]).all()
     assert (

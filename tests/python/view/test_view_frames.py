@@ -312,8 +312,8 @@ def test_uploaded_lens_file_is_read(tmp_path, name):
 
 
 def test_large_frame_gives_its_memory_back(session, scene, monkeypatch):
-    monkeypatch.setattr("gsut.view.frames._MOST_KEPT", (2 * SIZE) ** 2)
-    monkeypatch.setattr("gsut.view.lenses._MOST_PIXELS", (2 * SIZE) ** 2)
+    monkeypatch.setattr("gsut.view.frames.MOST_KEPT", (2 * SIZE) ** 2)
+    monkeypatch.setattr("gsut.view.lenses.MOST_KEPT", (2 * SIZE) ** 2)
     session.draw_frame(wanted(scene, width=2 * SIZE, height=2 * SIZE))
     assert session.frames._buffers and session.lenses._resized
     session.draw_frame(wanted(scene, width=3 * SIZE, height=3 * SIZE))

@@ -14,9 +14,9 @@ from gsut.data.images.decode import (
 from gsut.data.images.fixed_pixels import (
     COMPARED_SIDE,
     FEWEST_COMPARED,
-    choose_compared,
     describe_fixed_pixels,
     find_fixed_pixels,
+    is_shown,
 )
 from gsut.data.images.lookup import PictureLookup, describe_pictures, list_picture_names
 from gsut.data.images.masks import (

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 
 import numpy as np
 
+from gsut.lens import Camera
+
 COMPARED_SIDE = 400  # pixels of the longer side of compared pictures: a clock's frame is wider
 FEWEST_COMPARED = 6  # pictures: fewer agree by chance
-_MOST = 16  # pictures compared: more hardly change what agrees
 _SAME = 10  # grey levels: compression and noise of one colour
 _LEAST_AREA = 1e-3  # of the picture: smaller marks cost little
 # Width over the diagonal of the ring about a patch where the scene moves, and the largest share of
@@ -30,11 +31,6 @@ _FEW_PERSIST = 0.01  # share of the other pixels with such a step: fewer are few
 # about marks whose ring does not show them.
 _SURE_OF_STEPS = 2.0
 _FILLED = 0.25  # area of a hole, such as a clock's digits, over that of the patch around it
-
-
-def choose_compared(count: int) -> Iterable[int]:
-    """Returns the numbers of the pictures to compare, spread over `count` of them."""
-    return np.unique(np.linspace(0, count - 1, _MOST).round().astype(int)).tolist()
 
 
 def describe_fixed_pixels(share: float) -> str:
@@ -161,3 +157,9 @@ def _fill_holes(patch: np.ndarray, largest: float) -> np.ndarray:
     _, labels, rows, _ = cv2.connectedComponentsWithStats(1 - patch)
     small = np.flatnonzero(rows[:, cv2.CC_STAT_AREA] <= largest)
     return patch | np.isin(labels, small[small > 0]).astype(np.uint8)
+
+
+def is_shown(camera: Camera, fixed: np.ndarray) -> bool:
+    """Returns whether most fixed pixels have a ray: otherwise the lens leaves them out."""
+    has_ray = np.asarray(camera.resize(*fixed.shape[::-1]).rays()[1])
+    return bool(2 * np.count_nonzero(fixed & has_ray) >= np.count_nonzero(fixed))

@@ -40,8 +40,8 @@ from gsut.data.rigs import BODY, Mount, parse_matrix, read_mounts
 from gsut.data.scene import DepthForm
 from gsut.files import read_rows, read_text, read_yaml
 from gsut.lens import Camera
+from gsut.lens.files import FROM_ZERO
 
-_PIXEL_SHIFT = 0.5  # KITTI's pixel (0, 0) is gsut's (0.5, 0.5)
 _TRAJECTORIES = ("groundtruth.txt", "trajectory.txt", "poses.txt")
 _TIME_AND_FILE = 2  # fields of a list
 _DEPTH_LEVELS = 5000  # of TUM's depth pictures in a metre
@@ -277,7 +277,7 @@ def _read_kitti(calib: Path, name: str, picture: Path) -> Mount:
         raise DatasetError(where, f"{key} is not fx 0 cx, 0 fy cy, 0 0 1", "rectify the pictures")
     place = np.eye(4)
     place[:3, 3] = np.linalg.solve(k, matrix[:, 3])
-    params = [k[0, 0], k[1, 1], k[0, 2] + _PIXEL_SHIFT, k[1, 2] + _PIXEL_SHIFT]
+    params = [k[0, 0], k[1, 1], k[0, 2] + FROM_ZERO, k[1, 2] + FROM_ZERO]
     size = read_header(picture)
     try:
         return Mount(Camera("pinhole", params, size.width, size.height), where, from_body=place)

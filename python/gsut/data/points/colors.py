@@ -8,6 +8,7 @@ from gsut.bounds import name_wrong_kinds
 from gsut.data.points.ply import NO_COLOR
 from gsut.data.scene import Scene, find_visible_points
 from gsut.run import Progress
+from gsut.sampling import choose_evenly
 
 _MOST_VIEWS = 150  # evenly chosen: more change the colours little
 _SLOTS = 7  # nearest photographs of a point: their median is its colour
@@ -40,8 +41,7 @@ def color_points(
     points = np.asarray(points, np.float64).reshape(-1, 3)
     distances = np.full((_SLOTS, len(points)), np.inf, np.float32)
     colors = np.zeros((_SLOTS, len(points), 3), np.uint8)
-    count = min(len(scene), _MOST_VIEWS)
-    chosen = np.unique(np.linspace(0, len(scene) - 1, count).round().astype(int)).tolist()
+    chosen = choose_evenly(range(len(scene)), _MOST_VIEWS)
     for index in Progress(progress).iterate("colours", chosen):
         rows, places, away = find_visible_points(scene, index, points, _IN_CELL)
         x, y = (places * [scene.camera(index).width, scene.camera(index).height]).astype(int).T

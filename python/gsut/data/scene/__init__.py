@@ -8,9 +8,9 @@ from gsut.data.scene.lines import (
     interpolate_poses,
     project_points,
 )
-from gsut.data.scene.maps import find_bad_depths, has_depths, read_depth
+from gsut.data.scene.maps import HALF_PIXEL, find_bad_depths, has_depths, read_depth
 from gsut.data.scene.scene import Scene, View, keep_at_most
 from gsut.data.scene.shutter import order_frames, split_last_number, with_shutter
 from gsut.data.scene.split import TEST_EVERY, choose_inner_views, hold_out_views, split_views
-from gsut.data.scene.training_views import Level, TrainingViews
+from gsut.data.scene.training_views import SMALLEST_SIDE, Level, TrainingViews
 from gsut.data.scene.upright import count_lens_turns, find_up, find_upright_poses

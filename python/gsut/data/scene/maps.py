@@ -14,7 +14,7 @@ from gsut.data.scene.depth_form import DISTANCES
 from gsut.data.scene.scene import Scene
 from gsut.files import Array, read_npy, read_picture, register_reader
 
-_HALF_PIXEL = 0.5  # the height of smaller depths of the same shape is rounded by this much
+HALF_PIXEL = 0.5  # sides of smaller copies are rounded by this much
 
 
 def read_depth(scene: Scene, view: int, path: Path | None = None) -> np.ndarray | None:
@@ -52,7 +52,7 @@ def read_depth(scene: Scene, view: int, path: Path | None = None) -> np.ndarray 
         depth = picture * (1.0 if picture.dtype.kind == "f" else form.unit)
     camera = scene.file_cameras[scene.views[view].camera_index]
     height, width = camera.height, camera.width
-    if depth.ndim != 2 or abs(depth.shape[0] - height * depth.shape[1] / width) > _HALF_PIXEL:
+    if depth.ndim != 2 or abs(depth.shape[0] - height * depth.shape[1] / width) > HALF_PIXEL:
         raise InputError(
             f"{path} is {' x '.join(map(str, depth.shape[::-1]))}, its image {width} x {height}; "
             "give depths of the whole image, at any size"

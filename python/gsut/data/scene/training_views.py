@@ -13,8 +13,8 @@ from gsut.data.scene.lru_cache import LruCache
 from gsut.data.scene.scene import IMAGE_CACHE_BYTES, Scene, keep_at_most
 from gsut.lens import Camera
 
-# Coarse levels with a shorter side below this many pixels are left out: nothing to learn there.
-_SMALLEST_SIDE = 64
+# Shorter side in pixels below which smaller pictures are not trained on: they show nothing.
+SMALLEST_SIDE = 64
 # Targets kept decoded with their statistics; beyond it the least recently used are made again.
 _TARGET_CACHE_BYTES = 2 * IMAGE_CACHE_BYTES
 _PIXELS_PART = 8  # of the bytes to keep, for decoded pixels that are not ready for the loss
@@ -78,7 +78,7 @@ class TrainingViews:
         self._until = [
             (factor, end)
             for factor, end in zip((0.25, 0.5), until, strict=True)
-            if end > 0 and factor * shorter >= _SMALLEST_SIDE
+            if end > 0 and factor * shorter >= SMALLEST_SIDE
         ]
         self._factor = 0.0
         self._level: Level | None = None

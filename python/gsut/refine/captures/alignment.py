@@ -17,6 +17,7 @@ from gsut.data import Scene
 from gsut.data.poses import find_centers, move_poses
 from gsut.gaussians import Gaussians, find_nearest_rotation, transform_gaussians
 from gsut.refine.photograph import localize
+from gsut.sampling import choose_evenly
 
 # Photographs that are located: their mean is then sure to a third of one.
 _LOCATED = 12
@@ -89,9 +90,8 @@ def align_captures(
     Raises:
         SolveError: fewer than four photographs of `other` show this scene at places that agree.
     """
-    indices = other.train_indices or range(len(other.views))
-    count = min(_LOCATED, len(indices))
-    chosen = [indices[i] for i in np.linspace(0, len(indices) - 1, count).round().astype(int)]
+    chosen = choose_evenly(other.train_indices or range(len(other.views)), _LOCATED)
+    count = len(chosen)
     names, pairs, own, rejected = [], [], [], []
     for done, index in enumerate(chosen):
         if on_progress is not None:

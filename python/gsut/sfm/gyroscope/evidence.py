@@ -27,8 +27,8 @@ _EXPLAINS = 0.9
 _AGREE = 0.8
 # Standard deviation of the scale of a camera's gyroscope, which its maker calibrates.
 SCALE_SIGMA = 0.005
-# Seconds about the middle of a picture whose mean turn is that of a readout.
-_MOMENT = 0.015
+# Seconds of a readout: of phones and action cameras.
+USUAL_READOUT = 0.015
 
 
 def use_gyroscope(mapping: Mapping) -> Mapping:
@@ -129,8 +129,8 @@ def sharpen_rates(
     times = list_times(mapping)
     known = np.isfinite(rates).all(axis=1) & np.isfinite(times)
     recorded = np.full((len(rates), 3), np.nan)
-    about = times[known, None] + _MOMENT / 2 * np.array([-1, 1])
-    recorded[known] = find_rotation_vectors(found.find_turns(about)) / _MOMENT
+    about = times[known, None] + USUAL_READOUT / 2 * np.array([-1, 1])
+    recorded[known] = find_rotation_vectors(found.find_turns(about)) / USUAL_READOUT
     known &= np.isfinite(recorded).all(axis=1)
     # The bias is as the sensor has it; what its noise adds is far below it.
     axes = found.camera_from_sensor

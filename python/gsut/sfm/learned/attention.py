@@ -16,7 +16,6 @@ from gsut.sfm.photographs import Features
 MOST_MATCHED = 1000  # features of a picture, the best: the cost grows with the square
 _LAYERS = 6
 _CHANNELS = 96
-_VALUES = 64  # of a descriptor, whose positive and negative parts features hold
 _LEAST_CERTAINTY = 0.1  # of a match: the probability at which the authors cut
 # Rows and columns of a block of a product: of so few, OpenBLAS uses one thread up to _CHANNELS * 2
 # inner terms, and so gives the same bits on any number.
@@ -52,9 +51,9 @@ def match_by_attention(
 
 
 def _restore_values(features: Features) -> np.ndarray:
-    """Returns (N, 64) descriptors of unit length."""
-    split = features.descriptors[:MOST_MATCHED].astype(np.float32)
-    values = split[:, :_VALUES] - split[:, _VALUES:]
+    """Returns (N, 64) descriptors of unit length, of their positive and negative parts."""
+    positive, negative = np.split(features.descriptors[:MOST_MATCHED].astype(np.float32), 2, axis=1)
+    values = positive - negative
     return values / np.maximum(np.linalg.norm(values, axis=1, keepdims=True), 1e-12)
 
 

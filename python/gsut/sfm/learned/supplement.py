@@ -10,18 +10,15 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
-from gsut.sfm.learned.attention import match_by_attention
+from gsut.sfm.learned.attention import MOST_MATCHED, match_by_attention
 from gsut.sfm.learned.detection import detect_learned
 from gsut.sfm.learned.weights import INSTALL, MATCHER, Weights, find_weights, read_weights
 from gsut.sfm.mapping import Mapping
-from gsut.sfm.matches import MAX_DISTANCE, RawMatches, verify_matches
+from gsut.sfm.matches import FEW_IMAGES, MAX_DISTANCE, RawMatches, verify_matches
 from gsut.sfm.photographs import Features, make_no_features, read_features
 
 _MOST_IMAGES = 40  # up to which learned features are tried
-A_FEW = 12  # images, up to which all pairs are matched by attention; of more images as many pairs
-_NO_RATIO = 1.0  # learned descriptors of neighbours are alike, so that Lowe's test says little
 _TURNS = 4  # quarter turns in which an image may have been stored
-_TURN_FEATURES = 1000  # of an image, the best, that show how it is turned
 # Distance of descriptors up to which matches count that show how an image is turned: at the right
 # turn dozens are as near, at others a handful.
 _NEAR = 0.5
@@ -82,7 +79,7 @@ def _match_all(
     """
     matches = _match([features.descriptors for features in learned], pairs)
     counts = np.array([len(each) for each in matches])
-    chosen = _choose_pairs(pairs, counts, absent | (len(absent) <= A_FEW))
+    chosen = _choose_pairs(pairs, counts, absent | (len(absent) <= FEW_IMAGES))
 
     def match(index: int) -> np.ndarray:
         a, b = pairs[index]
@@ -103,7 +100,7 @@ def _choose_pairs(pairs: np.ndarray, counts: np.ndarray, wanted: np.ndarray) -> 
         own = np.flatnonzero((pairs == image).any(axis=1))
         own = own[np.argsort(-counts[own], kind="stable")]
         rank[own] = np.minimum(rank[own], np.arange(len(own)))
-    most = min(A_FEW * (A_FEW - 1) // 2, int(np.count_nonzero(rank < len(wanted))))
+    most = min(FEW_IMAGES * (FEW_IMAGES - 1) // 2, int(np.count_nonzero(rank < len(wanted))))
     return np.sort(np.lexsort((-counts, rank))[:most])
 
 
@@ -132,8 +129,8 @@ def _read_all(
     found, best = list(upright), [0] * len(upright)
     for image in left_out:
         tries = [upright[image], *(others[image, turns] for turns in range(1, _TURNS))]
-        begin = max(0, min(image - A_FEW // 2, len(found) - A_FEW))
-        end = min(begin + A_FEW, len(found))
+        begin = max(0, min(image - FEW_IMAGES // 2, len(found) - FEW_IMAGES))
+        end = min(begin + FEW_IMAGES, len(found))
         rest = [found[other] for other in range(begin, end) if other != image]
         counts = [_count_matches(features, rest) for features in tries]
         best[image] = int(np.argmax(counts))
@@ -144,7 +141,7 @@ def _read_all(
 
 def _count_matches(features: Features, others: list[Features]) -> int:
     """Counts the matches of an image's best features with those of the others."""
-    descriptors = [each.descriptors[:_TURN_FEATURES] for each in (features, *others)]
+    descriptors = [each.descriptors[:MOST_MATCHED] for each in (features, *others)]
     pairs = np.array([(0, other) for other in range(1, len(descriptors))], np.int64)
     return sum(map(len, _match(descriptors, pairs, _NEAR)))
 
@@ -152,5 +149,8 @@ def _count_matches(features: Features, others: list[Features]) -> int:
 def _match(
     descriptors: list[np.ndarray], pairs: np.ndarray, distance: float = MAX_DISTANCE
 ) -> list[np.ndarray]:
-    """Matches learned features of pairs (P, 2) of images that are each other's nearest."""
-    return list(_core.match_pairs(descriptors, pairs, _NO_RATIO, distance))
+    """Matches learned features of pairs (P, 2) of images that are each other's nearest.
+
+    Those of neighbours are alike, so that Lowe's ratio says little.
+    """
+    return list(_core.match_pairs(descriptors, pairs, 1.0, distance))

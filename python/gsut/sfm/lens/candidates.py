@@ -13,7 +13,6 @@ from gsut.data.images import read_header
 from gsut.lens import Camera
 from gsut.sfm.photographs import TANGENT, Features, LensGroup, Photographs
 
-_FISHEYE_FROM = 110.0  # degrees across: wider guesses are fisheyes from the start
 _WIDEST_PERSPECTIVE = 130.0  # degrees across: beyond it tan() stretches the image's edge too much
 _UNREADABLE_SIZE = (640, 480)  # pixels, of a camera whose images cannot be read and get no pose
 DEFAULT_FIELD = 60.0  # degrees across: between a phone's main and wide camera
@@ -74,7 +73,7 @@ def _sort_by_size(photographs: Photographs, group: LensGroup) -> dict[tuple[int,
 def guess_lens(width: int, height: int, fov_degrees: float) -> Camera:
     """Returns an undistorted lens of this horizontal field of view, equidistant if it is wide."""
     half = math.radians(fov_degrees / 2)
-    if fov_degrees >= _FISHEYE_FROM:
+    if fov_degrees >= _WIDEST_PERSPECTIVE:
         return _make_kannala_brandt(width, height, width / 2 / half, 0.0)
     focal = width / 2 / math.tan(half)
     return Camera("opencv4", [focal, focal, width / 2, height / 2, 0, 0, 0, 0], width, height)

@@ -15,6 +15,7 @@ import numpy as np
 
 from gsut import _core
 from gsut.data.poses import find_centers
+from gsut.sfm.matches import FEWEST_MATCHES
 from gsut.sfm.solution import (
     LOSS_SCALE,
     LensFlag,
@@ -27,8 +28,6 @@ from gsut.sfm.solution import (
 
 _MOST_IMAGES = 400  # at once; of more the information is added up over windows
 _WINDOW = 150  # images, about
-# Points that an image must share with a window to join it: fewer do not hold its pose.
-_LEAST_SHARED = 20
 GROUPS = 8  # of successive images, taken to err independently
 MEDIAN_SQUARE = 2 * math.log(2)  # of a normal vector's length in the plane, in variances
 
@@ -270,7 +269,7 @@ def split_windows(image: np.ndarray, point: np.ndarray, images: int) -> list[np.
             rows = by_point[np.repeat(begin_point[seen], lengths) + steps]
             shared += np.bincount(image[rows], minlength=images)
             following = int(np.argmax(np.where(is_open, shared, -1)))
-            if shared[following] < _LEAST_SHARED:
+            if shared[following] < FEWEST_MATCHES:
                 break
         windows.append(np.sort(own))
     return windows

@@ -9,7 +9,7 @@ import numpy as np
 
 from gsut import _core
 from gsut.lens import Camera
-from gsut.sfm.matches import RawMatches
+from gsut.sfm.matches import ENOUGH_MATCHES, RawMatches
 from gsut.sfm.photographs import Features, PosesOptions
 
 _PAIRS = 24  # of images that lenses are compared by: more hardly change the order
@@ -19,7 +19,7 @@ QUICK_PAIRS = 10  # of a first look at all lenses
 _QUICK_MATCHES = 100  # of a pair, in the first look
 _CLOSER = 6  # lenses that get a closer look
 _FAVOUR = 1.02  # factor on the share of a lens that the database or EXIF suggests
-_ENOUGH_MATCHES = 300  # of a pair, beyond which more do not count
+MOST_TRIED = 3  # lenses ranked first that are adjusted
 ROUGH = 3.0  # factor on the largest error where a lens or a shutter is only nearly right
 # Spread of a pair's displacements over the extent of its features, beyond which more is no better:
 # pairs that move constrain a lens more than pairs with many matches.
@@ -133,7 +133,7 @@ def choose_informative_pairs(features: Sequence[Features], raw: RawMatches) -> n
         moved = features[b].pixels[matches[:, 1]] - features[a].pixels[matches[:, 0]]
         spread = np.median(np.linalg.norm(moved - np.median(moved, axis=0), axis=1))
         extent = np.linalg.norm(np.ptp(features[a].pixels, axis=0))
-        scores[i] = min(len(matches), _ENOUGH_MATCHES) * min(
+        scores[i] = min(len(matches), ENOUGH_MATCHES) * min(
             spread / max(extent, 1e-9), _ENOUGH_SPREAD
         )
     used = np.zeros(len(features), np.int64)

@@ -10,7 +10,7 @@ import numpy as np
 from gsut._core import SolveError
 from gsut.lens import Camera, convert_camera
 from gsut.sfm.lens.candidates import explain_implausible, list_lens_ladder
-from gsut.sfm.lens.ranking import ROUGH, LensRanking, RankedLens
+from gsut.sfm.lens.ranking import MOST_TRIED, ROUGH, LensRanking, RankedLens
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import (
     PairMatches,
@@ -30,7 +30,6 @@ START = np.array([*_FOCAL, LensFlag.FREE, 0, 0, 0], np.uint8)
 _PERSPECTIVE = np.array([*_FOCAL, *[LensFlag.FREE] * 2, 0, 0], np.uint8)
 _FISHEYE = np.array([*_FOCAL, *[LensFlag.FREE] * 4], np.uint8)
 FIRST_IMAGES = 14  # best connected with each other, on which the first lenses are compared
-_MOST_FIRST = 3  # lenses of the ranking that are reconstructed with
 _NEAR_BEST = 0.96  # share of the best lens' score that such a lens must have
 _SAME_FOCAL = 0.12  # difference of the logarithms of focal lengths that are not both tried
 # Median error over the diagonal that confirms a first lens if all images are registered.
@@ -113,7 +112,7 @@ def _solve_first_images(
         known = any(abs(math.log(focal / other)) < _SAME_FOCAL for other in tried)
         if known or (found and lens.share < _NEAR_BEST * ranked[0].share):
             continue
-        if len(tried) == _MOST_FIRST:
+        if len(tried) == MOST_TRIED:
             break
         if number:
             few = trials.verify(lens.camera, wanted)

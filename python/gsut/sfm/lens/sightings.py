@@ -6,12 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gsut.sfm.matches import RawMatches
+from gsut.sfm.matches import FEWEST_MATCHES, RawMatches
 from gsut.sfm.photographs import Features
 from gsut.sfm.solution import Solution
 
 _TRIED_MATCHES = 200  # of a pair of images
-_FEWEST_POINTS = 20  # of an image through which lenses are tried
 
 Sightings = tuple[np.ndarray, np.ndarray]  # pixels (M, 2) and the points (M, 3) seen there
 
@@ -23,7 +22,7 @@ def gather_sightings(
     return {
         image: (features[image].pixels[rows[:, 0]], solution.points[rows[:, 1]])
         for image, rows in join_points(solution, features, raw).items()
-        if len(rows) >= _FEWEST_POINTS
+        if len(rows) >= FEWEST_MATCHES
     }
 
 

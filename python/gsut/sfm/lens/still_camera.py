@@ -19,11 +19,16 @@ from gsut.judge import (
 )
 from gsut.lens import Camera
 from gsut.sfm.lens.candidates import explain_implausible, list_lens_ladder
-from gsut.sfm.lens.ranking import MATCHES, QUICK_PAIRS, ROUGH, choose_informative_pairs
+from gsut.sfm.lens.ranking import (
+    MATCHES,
+    MOST_TRIED,
+    QUICK_PAIRS,
+    ROUGH,
+    choose_informative_pairs,
+)
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import ALL_SAME
 
-_TRIED = 3  # lenses, through which rotations explain most, that are adjusted
 _MOSTLY = 0.35  # share of a pair's matches, below which no lens near makes a rotation of its motion
 # Share of what poses explain that rotations must: where the camera moved, at most a third.
 _EXPLAINED = 0.75
@@ -143,7 +148,7 @@ def _try_lenses(
     if shares[order[0]] < _MOSTLY:
         return [], []
     turns, poses = [], [_explain_by_poses(sample, lenses[int(np.argmax(agree))], limit)]
-    for each in order[:_TRIED]:
+    for each in order[:MOST_TRIED]:
         lens = _fit_lens(sample, lenses[each], limit)
         if (
             _measure_field(lens) >= _LEAST_FIELD

@@ -10,6 +10,7 @@ from gsut.sfm.matches.matching import (
     match_images,
 )
 from gsut.sfm.matches.selection import (
+    FEW_IMAGES,
     are_connected,
     choose_connected_pairs,
     group_images,
@@ -19,7 +20,10 @@ from gsut.sfm.matches.selection import (
 )
 from gsut.sfm.matches.verification import (
     ALL_SAME,
+    ENOUGH_MATCHES,
+    FEWEST_MATCHES,
     LARGEST_OFFSET,
+    MIN_ANGLE_DEGREES,
     ROLLING_ERROR,
     explain_failure,
     measure_pictures,

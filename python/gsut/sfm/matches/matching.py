@@ -20,7 +20,6 @@ _WORD_FEATURES = 500  # of each image, largest first, that are compared with the
 _ROUNDS = 8  # of k-means: the vocabulary need not be exact
 _ALL_UP_TO = 100  # images, of which all pairs are compared
 WINDOW = 8  # images after each that it is compared with, where names count up
-_NEIGHBORS = 20  # images most like each that it is compared with
 # Features, the largest, that decide whether a pair is compared in full.
 _PREVIEW_FEATURES = 700
 _PREVIEW_MATCHES = 8  # of them that must match
@@ -209,7 +208,7 @@ def _pair_similar(features: Sequence[Features], seed: int) -> np.ndarray:
     signatures = np.stack([_sum_residuals(d, words) for d in largest])
     likeness = signatures @ signatures.T
     np.fill_diagonal(likeness, -np.inf)
-    count = min(_NEIGHBORS, len(features) - 1)
+    count = min(_MOST_PARTNERS, len(features) - 1)
     nearest = np.argsort(-likeness, axis=1, kind="stable")[:, :count]
     first = np.repeat(np.arange(len(features)), count)
     return np.stack([first, nearest.ravel()], axis=1).astype(np.int64)

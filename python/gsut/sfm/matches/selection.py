@@ -9,6 +9,7 @@ import numpy as np
 
 from gsut.sfm.matches.matching import PairMatches, RawMatches
 
+FEW_IMAGES = 12  # up to which each two of them are looked at, and more are suggested
 _ENOUGH_MATCHES = 200  # of a pair, beyond which more do not count
 _ENOUGH_PARALLAX = 0.2  # radians, beyond which more does not count
 

@@ -9,9 +9,11 @@ import numpy as np
 from gsut import _core
 from gsut._core import SolveError
 from gsut.data import list_some
+from gsut.gaussians import find_rotation_vectors
 from gsut.judge import SURE
 from gsut.judge.checks import PICTURE_CHECKS, PictureQuality, find_faults
 from gsut.sfm.matches.matching import BATCH, OnPairs, PairMatches, RawMatches
+from gsut.sfm.matches.selection import FEW_IMAGES
 from gsut.sfm.photographs import Features, Images, PosesOptions
 
 # Largest angle in radians between a pair's rotation and that of all images. Rotations of pairs are
@@ -20,15 +22,14 @@ from gsut.sfm.photographs import Features, Images, PosesOptions
 LARGEST_OFFSET = np.radians(45.0)
 _SCALE = np.radians(8.0)  # of the robust weights: the offset of an ordinary pair
 _ROUNDS = 10  # of the robust average: it has converged after five or six
-_MOST_WEIGHT = 300  # matches of a pair, beyond which its rotation is no more certain
-_FEW_IMAGES = 10  # below this more images are suggested
-_LITTLE_PARALLAX = 1.5  # degrees, below which the camera is said to have hardly moved
+ENOUGH_MATCHES = 300  # of a pair, beyond which more say nothing more of it
+MIN_ANGLE_DEGREES = 1.5  # smallest triangulation angle of a point
 _ALMOST_NO_FEATURES = 50  # of an image without texture, out of focus or dark
 _POOR = 2  # severity of the faults that are named
 _DARK = 25  # mean grey value of the features of an underexposed picture, of 255
 _BRIGHT = 235  # mean grey value of the features of an overexposed picture, of 255
 _FEW_FEATURES = 500  # of a picture that is blurred, dark or without texture
-_FEWEST_MATCHES = 20  # verified, of a pair that is used
+FEWEST_MATCHES = 20  # verified, of a pair that is used: fewer of anything hold no pose
 # Factor on the largest errors under a rolling shutter, until velocities are estimated.
 ROLLING_ERROR = 12.0
 ALL_SAME = (
@@ -49,7 +50,7 @@ def verify_matches(
     of the others then agree with another one. Such pairs are left out.
 
     Returns:
-        The pairs with at least _FEWEST_MATCHES matches that the others do not contradict.
+        The pairs with at least FEWEST_MATCHES matches that the others do not contradict.
     """
     bearings = [
         _core.ImageBearings(c, f.pixels)
@@ -78,7 +79,7 @@ def verify_matches(
         ):
             count = int(inliers.sum())
             is_clear = count - rival > SURE * np.sqrt(count + rival)
-            if ok and count >= _FEWEST_MATCHES and is_clear:
+            if ok and count >= FEWEST_MATCHES and is_clear:
                 result.append(
                     PairMatches(int(a), int(b), matches[inliers], pose, rotation, parallax)
                 )
@@ -101,7 +102,7 @@ def drop_contradicted(pairs: Sequence[PairMatches], count: int) -> list[PairMatc
     first = np.array([pair.first for pair in pairs])
     second = np.array([pair.second for pair in pairs])
     relative = np.array([pair.second_from_first[:3, :3] for pair in pairs])
-    weights = np.array([float(min(len(pair.matches), _MOST_WEIGHT)) for pair in pairs])
+    weights = np.array([float(min(len(pair.matches), ENOUGH_MATCHES)) for pair in pairs])
     rotations = _chain_rotations((first, second), relative, weights, count)
     for _ in range(_ROUNDS):
         off = _measure_offsets(rotations, (first, second), relative)
@@ -150,15 +151,7 @@ def _measure_offsets(
     """Returns (P, 3) radians, the turn in the world that each pair's second image lacks."""
     first, second = ends
     wanted = relative @ rotations[first]
-    turn = np.swapaxes(rotations[second], 1, 2) @ wanted
-    axis = np.stack(
-        [turn[:, 2, 1] - turn[:, 1, 2], turn[:, 0, 2] - turn[:, 2, 0],
-         turn[:, 1, 0] - turn[:, 0, 1]], axis=1,
-    )  # fmt: skip
-    sine = 0.5 * np.linalg.norm(axis, axis=1)
-    cosine = 0.5 * (np.trace(turn, axis1=1, axis2=2) - 1)
-    angle = np.arctan2(sine, cosine)
-    return axis * (angle / np.maximum(2 * sine, 1e-12))[:, None]
+    return find_rotation_vectors(np.swapaxes(rotations[second], 1, 2) @ wanted)
 
 
 def require_overlap(images: Images, pairs: Sequence[PairMatches], *, is_lens_known: bool) -> None:
@@ -204,10 +197,10 @@ def explain_failure(
     """
     faults = find_faults(PICTURE_CHECKS, measure_pictures(features))
     reasons = [f"{f.what}: {f.advice}" for f in faults if f.severity == _POOR]
-    if len(features) < _FEW_IMAGES:
+    if len(features) < FEW_IMAGES:
         reasons.append(f"{len(features)} images are few: take 20 or more")
     parallax = np.degrees(float(np.median([pair.parallax for pair in pairs] or [np.inf])))
-    if parallax < _LITTLE_PARALLAX:
+    if parallax < MIN_ANGLE_DEGREES:
         reasons.append(
             f"the camera hardly moved between them ({parallax:.1f} degrees of parallax): walk "
             "sideways to what you photograph"

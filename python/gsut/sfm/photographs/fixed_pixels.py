@@ -13,13 +13,14 @@ from gsut._core import InputError
 from gsut.data.images import (
     COMPARED_SIDE,
     FEWEST_COMPARED,
-    choose_compared,
     decode_scaled,
     describe_fixed_pixels,
     find_fixed_pixels,
+    is_shown,
     read_header,
 )
 from gsut.files import write_picture
+from gsut.sampling import choose_evenly
 from gsut.sfm.photographs.listing import Photographs
 
 MASK = "mask.png"  # white where the scene is seen
@@ -43,7 +44,7 @@ def mask_fixed_pixels(
         return photographs
     pictures: list[np.ndarray] = []
     sizes: set[tuple[int, int]] = set()
-    for i in choose_compared(count):
+    for i in choose_evenly(range(count)):
         with contextlib.suppress(InputError):  # unreadable: reported when features are sought
             header = read_header(photographs.paths[i])
             full = header.width, header.height
@@ -58,11 +59,7 @@ def mask_fixed_pixels(
         return photographs
     fixed = find_fixed_pixels(np.stack(pictures))
     lens = photographs.cameras[0]
-    if lens is not None:
-        has_ray = np.asarray(lens.resize(*fixed.shape[::-1]).rays()[1])
-        if 2 * np.count_nonzero(fixed & has_ray) < np.count_nonzero(fixed):
-            return photographs  # the lens leaves them out already
-    if not fixed.any():
+    if not fixed.any() or (lens is not None and not is_shown(lens, fixed)):
         return photographs
     import cv2
 

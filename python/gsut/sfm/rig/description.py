@@ -11,16 +11,16 @@ import numpy as np
 from gsut.data import list_some
 from gsut.data.poses import find_centers
 from gsut.data.rigs import Rig, measure_changes
+from gsut.judge import SURE
 from gsut.sfm.photographs import Photographs
 from gsut.sfm.rig.observability import MountUncertainty
 from gsut.sfm.rig.start import RigStart
 from gsut.sfm.solution import Solution
 
-# Growth of the median residual with one pose a frame that is reported: as in `gsut calibrate`,
-# where boards show that images were not taken together.
-_SHAKY = 1.5
+# Growth of the median residual with one pose a frame that contradicts a rig: as in `gsut
+# calibrate`, where boards show that images were not taken together.
+SHAKY = 1.5
 _TURNED_DEGREES = 0.1  # mean turn against the rig's that is reported
-_TURNED_SIGMAS = 5.0  # standard errors that such a turn must have
 _AXES = ("x (right)", "y (down)", "z (forward)")
 _NEARLY = 0.95  # cosine from which a direction is called by an axis
 _EXACT_PX = 0.2  # residuals below this are not reported: no photograph's features are that exact
@@ -157,7 +157,7 @@ def list_rig_notes(rig: Rig, figures: dict[str, Any]) -> list[str]:
         )
     notes += [note for note in map(describe_open, figures["cameras"]) if note is not None]
     before_px, after_px = figures["residual_alone_px"], figures["residual_px"]
-    if after_px > max(_SHAKY * before_px, _EXACT_PX):
+    if after_px > max(SHAKY * before_px, _EXACT_PX):
         notes.append(
             f"with one pose of the rig a frame the residuals are {after_px:.2f} px "
             f"(median), each image by itself has {before_px:.2f}: the images of one frame were "
@@ -169,7 +169,7 @@ def list_rig_notes(rig: Rig, figures: dict[str, Any]) -> list[str]:
     )  # fmt: skip
     # Through an estimated lens a turn may be its principal point, which the rig then determines.
     is_known = not (figures["refined"] or figures["lenses_estimated"])
-    if turn > max(_TURNED_DEGREES, _TURNED_SIGMAS * sigma) and is_known:
+    if turn > max(_TURNED_DEGREES, SURE * sigma) and is_known:
         notes.append(
             f"in the images, placed one by one, the rotation between two cameras differs by "
             f"{turn:.2f} degrees (standard error {sigma:.2f}) from that in {rig.source}; try "

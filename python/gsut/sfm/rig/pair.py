@@ -14,13 +14,13 @@ from gsut.data.rigs import Rig
 from gsut.gaussians import find_nearest_rotation, measure_rotation_angles
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.photographs import Photographs
+from gsut.sfm.rig.description import SHAKY
 from gsut.sfm.rig.fit import RIG, put_on_rig
+from gsut.sfm.rig.start import SAME_DEGREES
 from gsut.sfm.solution import CENTER, LensFlag, Solution
 
 LENS_NAMES = ("front", "back")
 _FEWEST = 4  # frames of which both images have a pose
-_SAME = math.radians(5.0)  # largest difference of turns between the lenses from their middle
-_RIGID = 1.5  # growth of the median residual with one pose a frame that contradicts a rig
 # The solver takes lenses of equal parameters for one: the second differs in the last digits.
 _DIFFERENCE = 1e-9
 
@@ -65,7 +65,7 @@ def find_lens_pair(mapping: Mapping) -> Mapping:
         mapping.log.note(f"the images' poses make no rig of two lenses: {error}")
         return mapping
     before, after = fit.figures["residual_alone_px"], fit.figures["residual_px"]
-    if after > _RIGID * before or solution.num_registered < alone.num_registered:
+    if after > SHAKY * before or solution.num_registered < alone.num_registered:
         mapping.log.note(
             f"with one pose a frame {solution.num_registered} of {len(photographs)} images are "
             f"off by {after:.2f} px, one by one {alone.num_registered} by {before:.2f}: the two "
@@ -97,7 +97,7 @@ def _find_back_from_front(alone: Solution, photographs: Photographs) -> np.ndarr
     poses = np.array(found)
     apart = np.array([measure_rotation_angles(poses[:, :3, :3] @ pose[:3, :3].T) for pose in poses])
     middle = int(np.argmin(np.median(apart, axis=1)))
-    good = apart[middle] <= _SAME
+    good = apart[middle] <= math.radians(SAME_DEGREES)
     if good.sum() < max(_FEWEST, len(poses) / 2):
         return None
     result = np.eye(4)

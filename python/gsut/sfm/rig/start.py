@@ -10,11 +10,15 @@ import numpy as np
 from gsut._core import SolveError
 from gsut.data.poses import find_centers
 from gsut.data.rigs import Rig
-from gsut.gaussians import find_nearest_rotation
+from gsut.gaussians import (
+    find_nearest_rotation,
+    find_rotation_vectors,
+    measure_rotation_angles,
+)
 
 # Difference from the rig's rotation between two cameras of a frame beyond which one of the images
 # was placed wrongly.
-_SAME_DEGREES = 5.0
+SAME_DEGREES = 5.0
 _WRONG_DEGREES = 15.0  # median over all frames beyond which the rig is wrong
 _FEWEST_TURNS = 3  # frames that a mean turn is taken over
 
@@ -82,11 +86,12 @@ def place_rig(
         for place, i in enumerate(frame):
             for j in frame[place + 1 :]:
                 of_two = (int(rig_cameras[i]), int(rig_cameras[j]))
-                turned.setdefault(of_two, []).append(_convert_to_degrees(turns[i] @ turns[j].T))
+                vector = find_rotation_vectors((turns[i] @ turns[j].T)[None])[0]
+                turned.setdefault(of_two, []).append(np.degrees(vector))
                 best = i if observations[i] >= observations[j] else j
                 apart = turns[best].T @ (seats[rig_cameras[j]] - seats[rig_cameras[i]])
                 squared = float(apart @ apart)
-                if np.linalg.norm(turned[of_two][-1]) > _SAME_DEGREES or squared <= 0.0:
+                if np.linalg.norm(turned[of_two][-1]) > SAME_DEGREES or squared <= 0.0:
                     continue
                 scales.append(float(apart @ (centers[j] - centers[i])) / squared)
                 weights.append(squared)
@@ -139,7 +144,7 @@ def _average_turns(turned: Mapping[tuple[int, int], list[np.ndarray]]) -> tuple[
     """
     largest = (0.0, 0.0)
     for vectors in turned.values():
-        kept = np.array([v for v in vectors if np.linalg.norm(v) <= _SAME_DEGREES]).reshape(-1, 3)
+        kept = np.array([v for v in vectors if np.linalg.norm(v) <= SAME_DEGREES]).reshape(-1, 3)
         if len(kept) < _FEWEST_TURNS:
             continue
         sigma = np.sqrt(kept.var(axis=0, ddof=1).sum() / len(kept))
@@ -159,19 +164,12 @@ def _average_poses(
         observations: (M,) of each image.
     """
     best = int(np.argmax(observations))
-    angles = [np.linalg.norm(_convert_to_degrees(turns[best] @ turn.T)) for turn in turns]
-    good = np.array(angles) <= _SAME_DEGREES
+    angles = measure_rotation_angles(turns[best] @ turns.transpose(0, 2, 1))
+    good = np.degrees(angles) <= SAME_DEGREES
     pose = np.eye(4)
     pose[:3, :3] = find_nearest_rotation(turns[good].sum(axis=0))
     pose[:3, 3] = (seats[good] - centers[good] @ pose[:3, :3].T).mean(axis=0)
     return pose
-
-
-def _convert_to_degrees(rotation: np.ndarray) -> np.ndarray:
-    """Returns (3,) the rotation's axis times its angle in degrees."""
-    import cv2
-
-    return np.degrees(cv2.Rodrigues(rotation)[0].ravel())
 
 
 def _find_weighted_median(values: np.ndarray, weights: np.ndarray) -> float:

@@ -15,7 +15,8 @@ import numpy as np
 
 from gsut._core import Shutter, SolveError
 from gsut.lens import Camera
-from gsut.sfm.gyroscope import sharpen_rates
+from gsut.sfm.gyroscope import USUAL_READOUT, sharpen_rates
+from gsut.sfm.lens import GROUPS
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import PairMatches, choose_connected_pairs, keep_most_distinct
 from gsut.sfm.photographs import ImageLines
@@ -28,14 +29,12 @@ from gsut.sfm.shutter.readout import (
 )
 from gsut.sfm.solution import Adjustment, ReadoutMotion, Solution, measure_line_times
 
-_FEWEST = 8  # images whose motion is known
 _KNOWN = 0.1  # two standard deviations over the time, up to which the time counts as known
 _CLEAR = 4.0  # standard deviations from zero, below which there is no sign of a rolling shutter
 _KEPT = 0.95  # share of the images that must keep a pose
 _IMAGES = 30  # that the readout time is corrected on
 # Motion during a readout over the diagonal that is worth the time that training takes longer.
 _MATTERS = 1e-3
-_USUAL_READOUT = 0.015  # seconds: of phones and action cameras
 _TRIED = 0.02  # seconds: a readout long enough for a wrong order to lose matches
 _OBLONG = 1.2  # ratio of a picture's sides from which it shows how the sensor was held
 
@@ -165,7 +164,7 @@ def _find_order_by_matches(mapping: Mapping, rates: np.ndarray) -> LineOrder | N
     """Finds the order of the lines of one lens, and a first time, by `find_better_order`."""
     solution, flows = mapping.solved, mapping.photographs.flows
     camera, some = solution.cameras[0], _choose_images(solution, mapping.pairs, rates)
-    if mapping.photographs.rig_cameras is not None or some.sum() < _FEWEST:
+    if mapping.photographs.rig_cameras is not None or some.sum() < GROUPS:
         return None
     if not is_probably_rolling(flows, camera.width, camera.height):
         return None
@@ -218,7 +217,7 @@ def find_line_order(
     of_image = mapping.photographs.rig_cameras
     if of_image is None:
         of_image = np.zeros(len(solution.names), np.int64)
-    if np.isfinite(rates).all(axis=1).sum() < _FEWEST:
+    if np.isfinite(rates).all(axis=1).sum() < GROUPS:
         return None, None
 
     def estimate(ways: Sequence[Shutter], lengths: Sequence[float], lens: int = -1) -> _Trial:
@@ -309,7 +308,7 @@ def _choose_images(
 
 def is_probably_rolling(flows: dict[str, np.ndarray], width: int, height: int) -> bool:
     """Returns whether a usual readout would be found in the flow of pictures of this size."""
-    return bool(flows) and _has_enough_motion(_USUAL_READOUT, flows, width, height)
+    return bool(flows) and _has_enough_motion(USUAL_READOUT, flows, width, height)
 
 
 def _has_enough_motion(time: float, flows: dict[str, np.ndarray], width: int, height: int) -> bool:

@@ -89,6 +89,10 @@ class ReadoutMotion:
             "image_rates": self.rates.tolist(), "rate_sigma": self.sigma,
         }  # fmt: skip
 
+    def select(self, chosen: np.ndarray) -> ReadoutMotion:
+        """Returns the motion of chosen images (M,)."""
+        return dataclasses.replace(self, rates=self.rates[chosen])
+
     @classmethod
     def follow(cls, solution: Solution) -> ReadoutMotion | None:
         """Returns the motion near a solution's velocities; None: a global shutter."""
@@ -122,6 +126,10 @@ class StatedPlaces:
     def to_settings(self) -> dict[str, Any]:
         """Returns the settings that the solver takes."""
         return {"places": self.centers.tolist(), "place_sigma": self.sigma.tolist()}
+
+    def select(self, chosen: np.ndarray) -> StatedPlaces:
+        """Returns the places of chosen images (M,)."""
+        return StatedPlaces(self.centers[chosen], self.sigma)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -238,6 +246,15 @@ class Adjustment:
     turns: StatedTurns | None = None
     center_sigma: float = CENTER_SIGMA
     min_inliers: int = MIN_INLIERS
+
+    def select(self, chosen: np.ndarray) -> Adjustment:
+        """Returns the adjustment of chosen images (M,) alone."""
+        stated = {name: getattr(self, name) for name in ("motion", "places", "points", "turns")}
+        own = {name: each and each.select(chosen) for name, each in stated.items()}
+        flags = self.lens_free
+        if isinstance(flags, list):
+            flags = [flags[image] for image in chosen]
+        return dataclasses.replace(self, lens_free=flags, **own)
 
 
 PLAIN = Adjustment()

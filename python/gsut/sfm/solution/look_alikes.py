@@ -19,7 +19,8 @@ import numpy as np
 from gsut._core import SolveError
 from gsut.data import list_some
 from gsut.data.poses import find_centers
-from gsut.sfm.matches import PairMatches
+from gsut.sampling import ENOUGH_SAMPLES
+from gsut.sfm.matches import FEW_IMAGES, FEWEST_MATCHES, PairMatches
 from gsut.sfm.solution.result import Solution, measure_agreement
 
 # Points are compared where both images see them from nearly the same side and distance, where
@@ -31,24 +32,21 @@ _MARGIN = 0.04  # of the image's sides, where features are often missed
 _MOST_MOVED = np.sqrt(1 + _MOST_DISTANCE_RATIO**2 - 2 * _MOST_DISTANCE_RATIO * np.cos(_MOST_ANGLE))
 _GROUP_SIZE = 4  # an image with those that share most points with it
 _SEEN_BY = 3  # images of one group that must see a point, and of the other that may
-_MOST_POINTS = 20_000  # compared in all: enough for shares to a percent
 _MOST_POINTS_OF_IMAGE = 300  # compared: enough for a share to some percent
-_FEWEST_OF_PAIR = 20  # points that a pair of images must be able to compare
 _FEWEST_OF_EITHER = 8  # of them in the image that has fewer
 # Share of the expected points that are seen, in the mean over an image's pairs, below which the
 # image is doubted: true loops have 0.77 and more, half of the images of folded walks less than 0.6.
 _LEAST_SHARE = 0.6
 _FEWEST_PAIRS = 2  # of an image, for its share to count
-_FEWEST_IMAGES = 3  # doubted, for a doubt at all
+_FEWEST_DOUBTED = 3  # images, or pairs of few images, for a doubt at all
 _LEAST_OF_ALL = 0.1  # share of the comparable images that must be doubted, for a doubt at all
 _ROUNDS = 2  # of dropping joins and mapping again
-_FEW = 12  # images, up to which each two are compared by their own matches
-# The limits above for two images: most matches are found from farther apart.
+# The limits above for each two of few images, by their own matches: most are found from farther
+# apart.
 _MOST_ANGLE_OF_TWO = np.radians(12.0)
 _MOST_DISTANCE_RATIO_OF_TWO = 1.5
 _FEWEST_OF_TWO = 40  # points that the two must be able to compare
 _LEAST_MATCHED = 0.15  # share of them that two images of one place match
-_FEWEST_APART = 3  # pairs that match less, for a doubt at all
 _LEAST_LEFT = 0.2  # share of the images with a pose that must keep one, or nothing is dropped
 
 
@@ -131,7 +129,7 @@ def separate_look_alikes(
         The solution, its pairs, and what still speaks for places taken for one; solution and pairs
         are those given where no image is doubted or too little would be left.
     """
-    is_few = len(solution.names) <= _FEW
+    is_few = len(solution.names) <= FEW_IMAGES
     times = None if is_few else times
     found = _gather_evidence(solution, times, near)
     least = _LEAST_LEFT * solution.num_registered
@@ -205,15 +203,15 @@ def _gather_evidence(solution: Solution, times: np.ndarray | None, near: int) ->
     together = joined
     if times is not None:
         joined = np.abs(times[:, None] - times) <= near
-    together = together | joined | _find_stays(expected + expected.T >= _FEWEST_OF_PAIR, joined)
-    known = (expected + expected.T >= _FEWEST_OF_PAIR) & ~together
+    together = together | joined | _find_stays(expected + expected.T >= FEWEST_MATCHES, joined)
+    known = (expected + expected.T >= FEWEST_MATCHES) & ~together
     known &= np.minimum(expected, expected.T) >= _FEWEST_OF_EITHER
     shares = np.where(known, (seen + seen.T) / np.maximum(expected + expected.T, 1), np.nan)
     of_image = known.sum(axis=1)
     mean = np.where(known, shares, 0).sum(axis=1) / np.maximum(of_image, 1)
     comparable = of_image >= _FEWEST_PAIRS
     doubted = comparable & (mean < _LEAST_SHARE)
-    if doubted.sum() < max(_FEWEST_IMAGES, _LEAST_OF_ALL * comparable.sum()):
+    if doubted.sum() < max(_FEWEST_DOUBTED, _LEAST_OF_ALL * comparable.sum()):
         doubted[:] = False
     return _Evidence(shares, joined, doubted, np.zeros_like(shares))
 
@@ -250,7 +248,7 @@ def _compare_matches(solution: Solution, pairs: list[PairMatches]) -> _Evidence:
     joined = _find_stays(np.ones_like(matching), matching)
     apart = (shares < _LEAST_MATCHED) & ~joined
     doubted = apart.any(axis=1)
-    if apart.sum() <= 2 * max(apart.sum(axis=1).max(), _FEWEST_APART - 1):
+    if apart.sum() <= 2 * max(apart.sum(axis=1).max(), _FEWEST_DOUBTED - 1):
         doubted[:] = False
     return _Evidence(shares, joined, doubted, np.where(apart, points - seen - seen.T, 0))
 
@@ -271,7 +269,7 @@ def _sample_observations(solution: Solution) -> tuple[np.ndarray, np.ndarray]:
     """Returns (N, P) bool, which images observe some of the points, and these points (P,)."""
     views = np.bincount(solution.observations[:, 0], minlength=len(solution.points))
     chosen = np.flatnonzero(views >= _SEEN_BY)
-    chosen = chosen[:: max(1, -(-len(chosen) // _MOST_POINTS))]
+    chosen = chosen[:: max(1, -(-len(chosen) // ENOUGH_SAMPLES))]
     place = np.full(len(views), -1)
     place[chosen] = np.arange(len(chosen))
     rows = place[solution.observations[:, 0]]

@@ -12,7 +12,12 @@ import numpy as np
 from gsut import _core
 from gsut._core import SolveError
 from gsut.lens import Camera
-from gsut.sfm.matches import ROLLING_ERROR, PairMatches, select_verified_pairs
+from gsut.sfm.matches import (
+    MIN_ANGLE_DEGREES,
+    ROLLING_ERROR,
+    PairMatches,
+    select_verified_pairs,
+)
 from gsut.sfm.photographs import Features, Images, PosesOptions, order_by_folder
 from gsut.sfm.solution.adjustment import (
     LOSS_SCALE,
@@ -30,7 +35,6 @@ from gsut.sfm.solution.result import (
     measure_diagonal,
 )
 
-MIN_ANGLE_DEGREES = 1.5  # smallest triangulation angle of a point
 # Rounds of track extension at the end, in which points are sought in images that do not observe
 # them yet: more add few observations.
 _EXTEND_ROUNDS = 2
@@ -59,7 +63,6 @@ def solve_poses(
         SolveError: nothing could be reconstructed; says why.
     """
     settings = _make_settings(images, options, adjustment)
-    settings |= {"lens_settled": adjustment.lens_settled, "covariances": adjustment.covariances}
     if images.shutter is not None:
         settings["shutter"] = images.shutter.direction
         settings["rolling_error"] = ROLLING_ERROR
@@ -103,17 +106,12 @@ def adjust_poses(
     """
     rig, motion = adjustment.rig, adjustment.motion
     settings = _make_settings(images, options, adjustment)
-    settings |= {"lens_settled": adjustment.lens_settled, "covariances": adjustment.covariances}
     if motion is not None:
         settings.update(motion.to_settings())
         if images.lines is not None:
             settings |= images.lines.to_settings()
-    if adjustment.places is not None:
-        settings.update(adjustment.places.to_settings())
-    if adjustment.points is not None:
-        settings.update(adjustment.points.to_settings())
-    if adjustment.turns is not None:
-        settings.update(adjustment.turns.to_settings())
+    for stated in (adjustment.places, adjustment.points, adjustment.turns):
+        settings |= {} if stated is None else stated.to_settings()
     if rig is not None or adjustment.extend:
         descriptors = [f.descriptors for f in images.features]
         settings |= _list_extension_settings(descriptors, images.cameras)
@@ -159,25 +157,10 @@ def adjust_registered(
         raise SolveError("no image has a pose to adjust")
     images = Images(solution.names, solution.cameras, features, lines=solution.lines)
     images = images.select(chosen)
-    if adjustment.motion is not None:
-        motion = dataclasses.replace(adjustment.motion, rates=adjustment.motion.rates[chosen])
-        adjustment = dataclasses.replace(adjustment, motion=motion)
-    if adjustment.places is not None:
-        places = dataclasses.replace(adjustment.places, centers=adjustment.places.centers[chosen])
-        adjustment = dataclasses.replace(adjustment, places=places)
-    if adjustment.points is not None:
-        adjustment = dataclasses.replace(adjustment, points=adjustment.points.select(chosen))
-    if adjustment.turns is not None:
-        adjustment = dataclasses.replace(adjustment, turns=adjustment.turns.select(chosen))
     poses = [solution.camera_from_world[i] for i in chosen]
-    if isinstance(adjustment.lens_free, list):
-        adjustment = dataclasses.replace(
-            adjustment, lens_free=[adjustment.lens_free[i] for i in chosen]
-        )
     own = select_verified_pairs(pairs, chosen)
-    return _spread_solution(
-        adjust_poses(images, own, poses, options, on_step, adjustment), chosen, solution
-    )
+    adjusted = adjust_poses(images, own, poses, options, on_step, adjustment.select(chosen))
+    return _spread_solution(adjusted, chosen, solution)
 
 
 def _list_extension_settings(
@@ -200,6 +183,8 @@ def _make_settings(images: Images, options: PosesOptions, adjustment: Adjustment
         "min_inliers": adjustment.min_inliers,
         "loss_scale": LOSS_SCALE,
         "seed": options.seed,
+        "lens_settled": adjustment.lens_settled,
+        "covariances": adjustment.covariances,
     }
     if any(f.is_learned is not None for f in images.features):
         settings["is_other"] = [f.flag_learned().tolist() for f in images.features]

@@ -14,8 +14,7 @@ from gsut.data import load_dataset
 from gsut.data.poses import find_centers
 from gsut.gaussians import measure_rotation_angles
 from gsut.sfm.solution import similarity_from_points
-
-_FEWEST = 3  # centres that determine a similarity
+from gsut.sfm.world.control_file import FEWEST_CONTROL
 
 
 @dataclasses.dataclass(frozen=True)
@@ -73,9 +72,9 @@ def compare_poses(camera_from_world: np.ndarray, reference: np.ndarray) -> PoseE
             f"poses must be two arrays (N, 4, 4), found {camera_from_world.shape} and "
             f"{reference.shape}"
         )
-    if len(reference) < _FEWEST:
+    if len(reference) < FEWEST_CONTROL:
         raise InputError(
-            f"{len(reference)} poses determine no similarity; at least {_FEWEST} are needed"
+            f"{len(reference)} poses determine no similarity; at least {FEWEST_CONTROL} are needed"
         )
     centers, targets = find_centers(camera_from_world), find_centers(reference)
     scale, rotation, translation = similarity_from_points(centers, targets)

@@ -17,7 +17,11 @@ from gsut.gaussians import rotate_upright
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.solution import Solution, similarity_from_points
 from gsut.sfm.world.place_priors import Adjust, adjust_near_places
-from gsut.sfm.world.positions import SCENE_FROM_EAST_NORTH_UP, convert_to_east_north_up
+from gsut.sfm.world.positions import (
+    FEWEST_PLACES,
+    SCENE_FROM_EAST_NORTH_UP,
+    convert_to_east_north_up,
+)
 from gsut.sfm.world.up import (
     FEWEST,
     MOST_TILT,
@@ -29,13 +33,11 @@ from gsut.sfm.world.up import (
 
 _UP = (0.0, -1.0, 0.0)  # in the world, once it is known
 _UP_UNKNOWN = "not known"  # of the figure "up"
-_FEWEST_PLACES = 5  # different places
 _SAMPLES = 300  # pairs of places that an alignment is fitted to
-_SAME_PLACE = 0.3  # metres within which places are the same
 _MOST_OFF = 0.1  # median error over the path's size beyond which GPS gives no scale
 _FITTING = 0.6  # share of the places that must fit
 _TURN_UP = math.radians(10.0)  # that GPS may turn up against the cameras'
-_DRIFT = 0.3  # metres of GPS within minutes: places near each other in time err alike
+_DRIFT = 0.3  # metres of GPS within minutes, in which places near in time err alike or are the same
 _UP_SIGMA = 0.01  # radians: GPS that determines up this well is used for it
 
 
@@ -178,9 +180,9 @@ def _align_with_gps(centers: np.ndarray, target: np.ndarray, up: np.ndarray | No
     """Aligns camera centres with GPS (east, down, north) as far as they agree."""
     ground = target[:, [0, 2]]
     way = float(np.sqrt(((ground - np.median(ground, axis=0)) ** 2).sum(axis=1).mean()))
-    different = len(np.unique(np.round(target / _SAME_PLACE), axis=0))
+    different = len(np.unique(np.round(target / _DRIFT), axis=0))
     figures: dict[str, Any] = {"images": len(target), "applied": False, "spread_m": way}
-    if different < _FEWEST_PLACES:
+    if different < FEWEST_PLACES:
         words = (
             f"GPS gives {different} place(s) for {len(target)} images: that determines neither "
             "scale nor north"

@@ -19,6 +19,7 @@ import numpy as np
 from gsut import _core
 from gsut._core import InputError
 from gsut.data.images import decode_image
+from gsut.sampling import choose_evenly
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.photographs import DESCRIPTOR_LENGTH, Features
 from gsut.sfm.solution import Solution
@@ -31,7 +32,6 @@ _DICTIONARIES = (
     *("DICT_APRILTAG_36h11", "DICT_APRILTAG_25h9", "DICT_ARUCO_MIP_36h12", "DICT_7X7_250"),
     *("DICT_6X6_250", "DICT_5X5_250", "DICT_ARUCO_ORIGINAL", "DICT_4X4_250"),
 )
-_SAMPLES = 12  # photographs in which all dictionaries are sought
 _EDGES = np.array([(0, 1), (1, 2), (2, 3), (3, 0), (0, 2), (1, 3)])  # two of them are diagonals
 _LENGTHS = np.array([1.0, 1.0, 1.0, 1.0, np.sqrt(2.0), np.sqrt(2.0)])  # in edges
 # Spread of a marker's lengths over their mean above which it is no square.
@@ -62,7 +62,7 @@ def add_markers(mapping: Mapping) -> Mapping:
     if mapping.options.marker is None:
         return mapping
     readable = [i for i, features in enumerate(mapping.features) if len(features)]
-    looked = readable[:: max(1, len(readable) // _SAMPLES)]
+    looked = choose_evenly(readable)
     found = _find_in_all(mapping, looked, _DICTIONARIES)
     if looked != readable and not any(len(_list_shared(seen)) for seen in found):
         looked, found = readable, _find_in_all(mapping, readable, _DICTIONARIES)

@@ -28,7 +28,7 @@ _EARTH_RADIUS = 6378137.0  # metres, semi-major axis of WGS 84
 _ECCENTRICITY_2 = 6.69437999014e-3  # squared, of WGS 84
 # From east, north, up to the axes of a scene: x right, y down, z ahead.
 SCENE_FROM_EAST_NORTH_UP = np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]])
-_FEWEST_PREDICTED = 5  # positions: a similarity fits three, and nearly four, whatever they are
+FEWEST_PLACES = 5  # different ones: a similarity fits three, and nearly four, whatever they are
 
 
 @dataclasses.dataclass(frozen=True)
@@ -153,7 +153,7 @@ def _require_agreement(centers: np.ndarray, places: np.ndarray, rms: float, sour
     Each is predicted by the fit of the others; positions in another order are predicted no better
     than by their mean.
     """
-    if len(centers) < _FEWEST_PREDICTED:
+    if len(centers) < FEWEST_PLACES:
         return
     predicted, by_mean = [], []
     for left_out in range(len(centers)):

@@ -7,14 +7,13 @@ import numpy as np
 from gsut.data import Scene
 from gsut.data.scene import project_points
 from gsut.gaussians import choose_points
-from gsut.surface.stereo.sweep import Shown, find_distances
+from gsut.sampling import choose_evenly
+from gsut.surface.stereo.sweep import FEWEST, Shown, find_distances
 
 # Number of photographs up to which all get distances.
 _FEWEST_VIEWS = 20
 # Most photographs that get distances; in between, a quarter of all, evenly chosen.
 _MOST_VIEWS = 100
-# Fewest points; if there are fewer, the photographs are not alike.
-_FEWEST = 100
 # Cells along the longer side of a view in which given points are looked for.
 _CELLS = 20
 
@@ -33,7 +32,7 @@ def find_points_by_stereo(
         Points (N, 3) in the scene's coordinates, and colours (N, 3) uint8. None if hardly anything
         in neighbouring photographs is alike.
     """
-    found = sample_distances(scene, max(most, _FEWEST))
+    found = sample_distances(scene, max(most, FEWEST))
     if found is None:
         return None
     rows = choose_points(len(found[0]), most, seed)
@@ -51,7 +50,7 @@ def sample_distances(scene: Scene, most: int) -> tuple[np.ndarray, ...] | None:
     shown = find_distances(scene, views)
     parts = [_choose_by_cell(each, most / len(views)) for each in shown.values()]
     counts = [len(points) for _, points, _ in parts]
-    if sum(counts) < _FEWEST:
+    if sum(counts) < FEWEST:
         return None
     starts, points, colors = (np.concatenate(each) for each in zip(*parts, strict=True))
     return starts, points, colors, np.repeat([*shown], counts)
@@ -90,8 +89,7 @@ def measure_coverage(scene: Scene) -> float:
 def choose_views(scene: Scene) -> list[int]:
     """Chooses the training views that get distances, evenly spread."""
     train = scene.train_indices
-    count = min(max(_FEWEST_VIEWS, len(train) // 4), _MOST_VIEWS, len(train))
-    return [train[place] for place in np.linspace(0, len(train) - 1, count).round().astype(int)]
+    return choose_evenly(train, min(max(_FEWEST_VIEWS, len(train) // 4), _MOST_VIEWS))
 
 
 def _choose_by_cell(shown: Shown, most: float) -> tuple[np.ndarray, ...]:

@@ -20,6 +20,7 @@ import numpy as np
 
 from gsut import _core
 from gsut.data import Scene
+from gsut.sampling import choose_evenly
 from gsut.surface.stereo.neighbours import MIDDLE, choose_neighbours
 from gsut.surface.stereo.photograph import CELL, Photograph, shrink
 
@@ -44,8 +45,8 @@ _RANGE = (2.0, 98.0)
 _WIDER = 1.25
 # Least distance of a point from a camera, x scene extent.
 _TINY = 1e-6
-# Fewest distances that make a range.
-_FEWEST = 100
+# Fewest distances, or points; if there are fewer, the photographs are not alike.
+FEWEST = 100
 # Standard deviation of noise in a window, grey values in [0, 1].
 _CONTRAST = 0.015
 # What a neighbour's surface at the tried distance adds, or takes away where it sees through it.
@@ -143,15 +144,14 @@ def _find_range(
     photographs finds. None if that is too little.
     """
     train, extent = scene.train_indices, scene.extent
-    if len(scene.points) >= _FEWEST:
+    if len(scene.points) >= FEWEST:
         centers = np.stack([scene.views[view].camera_center for view in train])
         away = np.linalg.norm(scene.points[None] - centers[:, None], axis=2)
         found = 1 / np.maximum(away, _TINY * extent).ravel()
     else:
         tried = np.linspace(1 / _LOOK_NEAR, 1 / _LOOK_FAR, _LOOK_DEPTHS) / extent
-        places = np.linspace(0, len(train) - 1, min(_LOOK_VIEWS, len(train))).round().astype(int)
         parts = []
-        for view in (train[place] for place in places):
+        for view in choose_evenly(train, _LOOK_VIEWS):
             beside = choose_neighbours(
                 scene, view, photographs[view], [extent * share for share in _LOOK_AT]
             )
@@ -159,7 +159,7 @@ def _find_range(
             inside = (inverse < tried[1]) & (inverse > tried[-2]) & (score > _LOOK_ALIKE)
             parts.append(inverse[inside & photographs[view].mask])
         found = np.concatenate(parts)
-        if len(found) < _FEWEST:
+        if len(found) < FEWEST:
             return None
     far, near = np.percentile(found, _RANGE)
     middle = (1 / np.percentile(found, MIDDLE)).tolist()

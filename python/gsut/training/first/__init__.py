@@ -13,3 +13,4 @@ from gsut.training.first.seeding import (
     choose_first_gaussians,
     seed_first,
 )
+from gsut.training.first.sky import SKY_DISTANCE, measure_reach

@@ -15,11 +15,11 @@ from gsut.data import DatasetError, Scene
 from gsut.data.images import (
     COMPARED_SIDE,
     FEWEST_COMPARED,
-    choose_compared,
     describe_fixed_pixels,
     find_fixed_pixels,
+    is_shown,
 )
-from gsut.lens import Camera
+from gsut.sampling import choose_evenly
 
 # Radians by which some of the optical axes must differ, so that a sky moves in the pictures.
 _LEAST_TURN = math.radians(5)
@@ -44,7 +44,7 @@ def find_fixed_of_cameras(scene: Scene) -> tuple[np.ndarray | None, ...]:
     for group in groups.values():
         fixed = _find_fixed(scene, group)
         for number in {scene.views[index].camera_index for index in group}:
-            if fixed is not None and _is_shown(scene.cameras[number], fixed):
+            if fixed is not None and is_shown(scene.cameras[number], fixed):
                 found[number] = fixed
     return tuple(found) if any(each is not None for each in found) else ()
 
@@ -59,7 +59,7 @@ def _find_fixed(scene: Scene, indices: Sequence[int]) -> np.ndarray | None:
     camera = scene.camera(indices[0])
     factor = min(1.0, COMPARED_SIDE / max(camera.width, camera.height))
     small = scene.scale_images(factor, decodes_small=True)
-    chosen = [indices[number] for number in choose_compared(len(indices))]
+    chosen = choose_evenly(indices)
     try:
         with concurrent.futures.ThreadPoolExecutor(_core.num_threads(), "gsut-fixed") as threads:
             pictures = list(threads.map(small.image, chosen))
@@ -71,12 +71,6 @@ def _find_fixed(scene: Scene, indices: Sequence[int]) -> np.ndarray | None:
     far_moves = float((axes @ axes.T).min()) < math.cos(_LEAST_TURN)
     fixed = find_fixed_pixels(np.stack(pictures), far_moves)
     return fixed if fixed.any() else None
-
-
-def _is_shown(camera: Camera, fixed: np.ndarray) -> bool:
-    """Returns whether most fixed pixels have a ray: otherwise the lens leaves them out."""
-    has_ray = np.asarray(camera.resize(*fixed.shape[::-1]).rays()[1])
-    return bool(2 * np.count_nonzero(fixed & has_ray) >= np.count_nonzero(fixed))
 
 
 def describe_fixed(scene: Scene) -> list[str]:

@@ -19,6 +19,7 @@ from gsut.gaussians import (
     seed_in_view,
 )
 from gsut.run import TrainOptions
+from gsut.sampling import choose_evenly
 from gsut.surface import Cloud, DepthMap
 from gsut.surface.stereo import find_points_by_stereo, measure_coverage
 from gsut.training.first.sky import describe_sky, find_sky
@@ -93,9 +94,7 @@ def _find_points_by_depth(scene: Scene, most: int, seed: int) -> Colored | None:
     import cv2
 
     cloud = Cloud()
-    count = min(len(scene.train_indices), _MOST_DEPTHS)
-    for place in np.linspace(0, len(scene.train_indices) - 1, count).round().astype(int):
-        view = scene.train_indices[place]
+    for view in choose_evenly(scene.train_indices, _MOST_DEPTHS):
         depth = read_depth(scene, view)
         if depth is None:
             continue

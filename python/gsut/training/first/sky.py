@@ -14,13 +14,12 @@ from __future__ import annotations
 import numpy as np
 
 from gsut.data import Scene
+from gsut.sampling import ENOUGH_SAMPLES
 
 # Number of directions, evenly over the sphere, 2.6 degrees apart: a sky is smooth.
 _DIRECTIONS = 6000
 # Photographs that are compared, evenly chosen; more cost time only.
 _MOST_VIEWS = 30
-# Points of the scene that are projected, evenly chosen.
-_MOST_POINTS = 20_000
 # Longer side of the compared photographs in pixels: enough for directions that far apart.
 _LONGER_SIDE = 240
 # Photographs that must see a direction: two agree by chance.
@@ -34,7 +33,7 @@ _PLAIN = 0.03
 # Percentile of the heights of a plain sky's directions that lies above the cameras.
 _LOWEST = 2.0
 # Distance of a sky, x the distance of the points: parallax there is below a pixel.
-_FAR = 10.0
+SKY_DISTANCE = 10.0
 # Percentile of the points' distances that counts as their distance: some lie far off by mistake.
 _PERCENT = 99.0
 # Standard deviation of colours at the points' distance that noise explains, values in [0, 1].
@@ -60,10 +59,9 @@ def find_sky(scene: Scene) -> tuple[np.ndarray, np.ndarray] | None:
         return None
     longest = max(max(camera.width, camera.height) for camera in scene.cameras)
     small = scene.scale_images(min(1.0, _LONGER_SIDE / longest), decodes_small=True)
-    points = scene.points[:: -(-len(scene.points) // _MOST_POINTS)]
+    points = scene.points[:: -(-len(scene.points) // ENOUGH_SAMPLES)]
     middle = np.mean([scene.views[row].camera_center for row in rows], axis=0)
-    away = float(np.percentile(np.linalg.norm(points - middle, axis=1), _PERCENT))
-    far = middle + _FAR * away * _spread_directions()
+    far = middle + SKY_DISTANCE * measure_reach(points, middle) * _spread_directions()
     seen, (taken, empty) = np.zeros(len(far), int), np.zeros((2, len(far)), bool)
     near_points = {row: _mark_near_points(small, row, points) for row in rows}
     for row in rows:
@@ -86,7 +84,7 @@ def find_sky(scene: Scene) -> tuple[np.ndarray, np.ndarray] | None:
         if not stays or np.percentile((far - middle) @ up, _LOWEST) <= 0:
             return None
     else:
-        near = middle + (1 / _FAR) * (far - middle)  # where the points are
+        near = middle + (1 / SKY_DISTANCE) * (far - middle)  # where the points are
         of_near, of_far = _average_colors(small, near_points, near)[1], apart[alike]
         compared = np.isfinite(of_near)
         afar = compared & (of_near > _NOISE) & (of_far < _LEFT_OVER * of_near)
@@ -95,11 +93,17 @@ def find_sky(scene: Scene) -> tuple[np.ndarray, np.ndarray] | None:
     return far, np.rint(255 * colors).astype(np.uint8)
 
 
+def measure_reach(points: np.ndarray, middle: np.ndarray) -> float:
+    """Measures how far points (N, 3) lie from a place: that of nearly all of them."""
+    return float(np.percentile(np.linalg.norm(points - middle, axis=1), _PERCENT))
+
+
 def describe_sky(count: int) -> str:
     """Explains in a sentence that `count` first Gaussians form a sky."""
     return (
-        f"{count} of the first Gaussians are a sky, {_FAR:g} times as far as the points: there the "
-        "photographs show no points, but colours that agree when they are taken for far away."
+        f"{count} of the first Gaussians are a sky, {SKY_DISTANCE:g} times as far as the points: "
+        "there the photographs show no points, but colours that agree when they are taken for far "
+        "away."
     )
 
 

@@ -10,12 +10,12 @@ from __future__ import annotations
 import numpy as np
 
 from gsut.data import Scene
+from gsut.sampling import choose_evenly
 
 _EMPTY = 1 / 3  # share of the pixels above which alpha 0 may be a cut-out
 # Share of the pixels that are empty in some photographs and not in others: a lens' circle or a
 # logo is the same in all.
 _DIFFERING = 0.05
-_SAMPLES = 12  # photographs that are looked at
 _MARGIN = np.ones((5, 5), np.uint8)  # pixels at the object's outline, whose alpha is between
 
 
@@ -33,7 +33,7 @@ class CutOut:
     def find(cls, scene: Scene) -> CutOut | None:
         """Finds whether the training photographs are of an object that was cut out."""
         empty: list[np.ndarray] = []
-        for index in scene.train_indices[:: -(-len(scene.train_indices) // _SAMPLES)]:
+        for index in choose_evenly(scene.train_indices):
             alpha = scene.alpha(index)
             if alpha is None or (empty and alpha.shape != empty[0].shape):
                 return None

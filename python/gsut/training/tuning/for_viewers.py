@@ -16,6 +16,7 @@ from gsut.lens import Camera
 from gsut.metrics import psnr
 from gsut.optimize import GaussianOptimizer, LearningRates, choose_view
 from gsut.render import render
+from gsut.sampling import choose_evenly
 from gsut.training.first import center_on_cameras
 from gsut.training.loop import SSIM_WEIGHT
 from gsut.training.tuning.ewa import EwaSplats, make_viewer_rule, render_ewa
@@ -41,8 +42,6 @@ _RATES = {
 }
 # Ratio of the last learning rates to the first: the result then settles.
 _FINAL_FACTOR = 0.1
-# Of fields of view, windows and turns.
-_SEED = 0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -102,13 +101,13 @@ def tune_for_viewers(
             response=Gaussians.RESPONSES[0],
             order=Gaussians.ORDERS[0],
         ),
-        seed=_SEED,
+        seed=0,
     )
     renderer, rule = _core.Renderer(), make_viewer_rule()
     extent = scene.extent
     for step in range(1, steps + 1):
-        view = choose_view(scene.train_indices, step, _SEED)
-        rng = np.random.default_rng([_SEED, step])
+        view = choose_view(scene.train_indices, step, 0)
+        rng = np.random.default_rng([0, step])
         camera = _draw_window(rng)
         pose = _turn_pose(rng, scene, view)
         truth = render(teacher, camera, pose, background=background).image
@@ -175,8 +174,7 @@ def _compare_candidates(
     background: Sequence[float],
 ) -> list[float]:
     """Returns the mean PSNR of each candidate's EWA pictures against the teacher's exact ones."""
-    rows = list(scene.test_indices or scene.train_indices)
-    rows = [rows[i] for i in np.unique(np.linspace(0, len(rows) - 1, _MEASURED).astype(int))]
+    rows = choose_evenly(scene.test_indices or scene.train_indices, _MEASURED)
     fields = np.linspace(*_FIELDS_DEGREES, 3)
     sums: list[Any] = [0.0] * len(candidates)
     for row in rows:

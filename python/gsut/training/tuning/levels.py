@@ -11,17 +11,13 @@ import numpy as np
 from gsut.compact import compact, list_seen_views, score_gaussians
 from gsut.evaluate import mean_psnr
 from gsut.gaussians import Gaussians, merge_gaussians
+from gsut.training.first import SKY_DISTANCE, measure_reach
 from gsut.training.record import TrainedRun
 
 # Gaussians of the coarsest level: of degree 3 they take at most 250 kB as SOG.
 _FIRST = 6144
 # Most times that a level has the Gaussians of the next coarser one: twice as fine along each side.
 _STEP = 4
-# Distance from the cameras' middle, x that of the points, beyond which a Gaussian belongs to the
-# environment: half of where training seeds a sky, so parallax there is below two pixels.
-_FAR = 5.0
-# Percentile of the points' distances that counts as their distance: some lie far off by mistake.
-_PERCENT = 99.0
 
 
 class Levels(NamedTuple):
@@ -80,11 +76,14 @@ def make_levels(
 
 
 def _find_far(trained: TrainedRun) -> np.ndarray:
-    """Finds Gaussians (N,) far beyond all points; none where the dataset has no points."""
+    """Finds Gaussians (N,) of the environment; none where the dataset has no points.
+
+    They lie at least half as far as where training seeds a sky: parallax is below two pixels.
+    """
     scene, g = trained.scene, trained.gaussians
     if not len(scene.points):
         return np.zeros(len(g), bool)
     middle = np.mean([view.camera_center for view in scene.views], axis=0)
-    reach = np.percentile(np.linalg.norm(scene.points - middle, axis=1), _PERCENT)
-    far: np.ndarray = np.linalg.norm(g.means + (g.origin - middle), axis=1) > _FAR * reach
+    sky = SKY_DISTANCE * measure_reach(scene.points, middle)
+    far: np.ndarray = np.linalg.norm(g.means + (g.origin - middle), axis=1) > sky / 2
     return far if not far.all() else np.zeros(len(g), bool)
