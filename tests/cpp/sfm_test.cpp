@@ -278,8 +278,8 @@ void ExpectFoundAgain(const Bundle& exact, const Bundle& truth, bool through_len
   bundle.camera_from_world[1] = truth.camera_from_world[1];
   options.function_tolerance = 1e-14;
   const BundleSummary summary = AdjustBundle(&bundle, options);
-  EXPECT_GT(summary.rms_before, 1.0);
-  EXPECT_LT(summary.rms_after, kExact);
+  EXPECT_GT(LengthOf(summary.cost_before, bundle), 1.0);
+  EXPECT_LT(LengthOf(summary.cost_after, bundle), kExact);
   for (int i = 0; i < 5; ++i) {
     EXPECT_LT((bundle.camera_from_world[i].Matrix() - truth.camera_from_world[i].Matrix()).norm(),
               kExact);
@@ -329,8 +329,8 @@ TEST(AdjustBundle, SolvesManyImagesAsABandIfOnlyNeighboursShareTheirPoints) {
     if (!shared) {
       EXPECT_LT(summary.fill, 0.35);  // worst 0.331
     }
-    EXPECT_GT(summary.rms_before, 1.0);
-    EXPECT_LT(summary.rms_after, kExact);
+    EXPECT_GT(LengthOf(summary.cost_before, bundle), 1.0);
+    EXPECT_LT(LengthOf(summary.cost_after, bundle), kExact);
   }
 }
 

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <Eigen/Core>
+#include <cmath>
 #include <cstdint>
 #include <span>
 #include <vector>
@@ -108,6 +109,11 @@ inline Bundle RigBundle(int points, std::uint64_t stream) {
   for (int i = 0; i < 8; ++i) bundle.camera_from_world[i] = state.CameraFromWorld(i);
   ObserveAll(&bundle);
   return bundle;
+}
+
+// Root of the mean squared residual in pixels that a cost means; under a loss a lower bound of it.
+inline double LengthOf(double cost, const Bundle& bundle) {
+  return std::sqrt(2.0 * cost / static_cast<double>(bundle.observations.size()));
 }
 
 inline void Disturb(Bundle* bundle, std::uint64_t stream) {

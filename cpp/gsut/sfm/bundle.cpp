@@ -149,8 +149,8 @@ BundleSummary AdjustBundle(Bundle* bundle, const BundleOptions& options) {
   BundleProblem problem(*bundle, options);
   BundleSummary summary;
   summary.fill = problem.system().matrix().Fill();
-  summary.rms_before = problem.Rms();
   double cost = problem.Evaluate();
+  summary.cost_before = cost;
   if (!std::isfinite(cost)) throw SolveError("bundle adjustment failed: residuals are not finite");
   // Each iteration solves the damped normal equations and compares the decrease of the cost with
   // the one that the linear model predicts. Nielsen's rule then changes the radius smoothly: a good
@@ -197,8 +197,7 @@ BundleSummary AdjustBundle(Bundle* bundle, const BundleOptions& options) {
     if (!summary.converged) problem.Evaluate();  // the derivatives there
   }
   CheckInterrupt();
-  summary.rms_after = problem.Rms();
-  summary.num_outside = problem.NumOutside();
+  summary.cost_after = cost;
   problem.Store(bundle);
   return summary;
 }

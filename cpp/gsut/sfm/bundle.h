@@ -122,9 +122,8 @@ struct BundleOptions {
 };
 
 struct BundleSummary {
-  double rms_before = 0.0, rms_after = 0.0;  // pixels: root of the mean squared length, no loss
+  double cost_before = 0.0, cost_after = 0.0;  // half the squares under the loss, with priors
   int iterations = 0;
-  std::int64_t num_outside = 0;  // observations whose point is outside the lens' domain at the end
   bool converged = false;
   double fill = 0.0;  // share of the system reduced to images that was not zero: 1 is a dense one
 };

@@ -4,7 +4,6 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
-#include <numeric>
 
 #include "gsut/base/parallel.h"
 #include "gsut/geometry/rotation_vector.h"
@@ -168,7 +167,7 @@ Eigen::MatrixXd BundleProblem::SimilarityMotions(int body, int block) const {
 
 // Partial sums of chunks are added in order: the cost has the same bits on any number of threads.
 double BundleProblem::Evaluate() {
-  if (evaluation_) evaluation_->Evaluate(true);
+  if (evaluation_) evaluation_->Evaluate();
   const auto count = static_cast<std::int64_t>(bundle_.observations.size());
   double cost = ParallelSum(count, kResidualGrain, [&](std::int64_t begin, std::int64_t end) {
     double sum = 0.0;
@@ -349,30 +348,6 @@ void BundleProblem::Store(Bundle* bundle) const {
     bundle->cameras[c] = Camera(camera.model(), state_.lenses[c], camera.width(), camera.height(),
                                 camera.valid_field_angle());
   }
-}
-
-// Without the loss, and including observations whose point is outside the lens.
-double BundleProblem::Rms() {
-  if (evaluation_) evaluation_->Evaluate(false);
-  std::vector<double> squares(bundle_.observations.size());
-  const auto count = static_cast<std::int64_t>(squares.size());
-  ParallelFor(count, kResidualGrain, [&](std::int64_t begin, std::int64_t end) {
-    for (std::int64_t i = begin; i < end; ++i) {
-      const BundleObservation& observation = bundle_.observations[i];
-      LensEvaluation::Row row = {};
-      if (evaluation_) row = evaluation_->Get(static_cast<int>(i));
-      if (row.valid) {
-        squares[i] =
-            (Eigen::Map<const Eigen::Vector2d>(row.pixel) - observation.pixel).squaredNorm();
-      } else {
-        const Eigen::Vector3d p = state_.Chain(observation).Point(state_.points[observation.point]);
-        squares[i] = BearingResidual(observation.bearing, p).squaredNorm();
-      }
-    }
-  });
-  // One after the other: a sum by chunks would round otherwise.
-  const double sum = std::accumulate(squares.begin(), squares.end(), 0.0);
-  return std::sqrt(sum / std::max<std::size_t>(1, squares.size()));
 }
 
 }  // namespace gsut

@@ -33,10 +33,6 @@ class BundleProblem {
   const BundleState& state() const { return state_; }
   void Restore(const BundleState& state) { state_ = state; }
 
-  // Of the residuals at the current unknowns, without loss.
-  double Rms();
-  // Observations whose point is outside the lens' domain.
-  std::int64_t NumOutside() const { return evaluation_ ? evaluation_->NumOutside() : 0; }
   // Writes what was solved for.
   void Store(Bundle* bundle) const;
 

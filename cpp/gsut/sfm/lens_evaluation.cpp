@@ -38,11 +38,11 @@ LensEvaluation::LensEvaluation(const Bundle& bundle, const BundleState& state,
   }
 }
 
-void LensEvaluation::Evaluate(bool jacobians) {
-  for (std::size_t c = 0; c < batches_.size(); ++c) EvaluateBatch(static_cast<int>(c), jacobians);
+void LensEvaluation::Evaluate() {
+  for (std::size_t c = 0; c < batches_.size(); ++c) EvaluateBatch(static_cast<int>(c));
 }
 
-void LensEvaluation::EvaluateBatch(int camera_index, bool jacobians) {
+void LensEvaluation::EvaluateBatch(int camera_index) {
   Batch& batch = batches_[camera_index];
   const auto count = static_cast<std::int64_t>(batch.observations.size());
   if (count == 0) return;
@@ -63,14 +63,10 @@ void LensEvaluation::EvaluateBatch(int camera_index, bool jacobians) {
                                : Camera(start.model(), state_.lenses[camera_index], start.width(),
                                         start.height(), start.valid_field_angle());
     batch.failed = false;
-    if (jacobians) {
-      // Of a lens with thousands of parameters only those that are free.
-      camera.ProjectJacobian(count, batch.points.data(), batch.pixels.data(), batch.valid.data(),
-                             batch.by_point.data(), held ? nullptr : batch.by_params.data(),
-                             batch.free);
-    } else {
-      camera.Project(count, batch.points.data(), batch.pixels.data(), batch.valid.data());
-    }
+    // Of a lens with thousands of parameters only those that are free.
+    camera.ProjectJacobian(count, batch.points.data(), batch.pixels.data(), batch.valid.data(),
+                           batch.by_point.data(), held ? nullptr : batch.by_params.data(),
+                           batch.free);
   } catch (const InputError&) {  // no lens: the step went too far
     batch.failed = true;
     std::fill(batch.valid.begin(), batch.valid.end(), 0);
@@ -93,14 +89,6 @@ LensEvaluation::Row LensEvaluation::Get(int observation) const {
       batch.free.empty() ? nullptr : &batch.by_params[2 * i * batch.free.size()];
   return {&batch.pixels[2 * i], &batch.by_point[6 * i], by_params, batch.valid[i] != 0,
           batch.failed};
-}
-
-std::int64_t LensEvaluation::NumOutside() const {
-  std::int64_t count = 0;
-  for (const Batch& batch : batches_) {
-    count += std::count(batch.valid.begin(), batch.valid.end(), 0);
-  }
-  return count;
 }
 
 }  // namespace gsut

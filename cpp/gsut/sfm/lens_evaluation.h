@@ -18,8 +18,8 @@ class LensEvaluation {
   LensEvaluation(const Bundle& bundle, const BundleState& state,
                  const std::vector<std::vector<std::uint8_t>>& lens_free);
 
-  // At the current unknowns.
-  void Evaluate(bool jacobians);
+  // At the current unknowns, with derivatives.
+  void Evaluate();
 
   struct Row {
     const double* pixel;  // (2), NaN outside the lens' domain; the copy nearest to that seen
@@ -28,9 +28,8 @@ class LensEvaluation {
     bool valid;                    // inside the lens' domain
     bool lens_failed;
   };
-  // Row of an observation. Derivatives are those of the last Evaluate(true).
+  // Row of an observation.
   Row Get(int observation) const;
-  std::int64_t NumOutside() const;
 
  private:
   struct Batch {  // the observations through one camera
@@ -40,7 +39,7 @@ class LensEvaluation {
     std::vector<std::uint8_t> valid;
     bool failed = false;
   };
-  void EvaluateBatch(int camera, bool jacobians);
+  void EvaluateBatch(int camera);
 
   const Bundle& bundle_;
   const BundleState& state_;

@@ -90,8 +90,8 @@ class SceneMap {
   std::vector<int> AdjustLocally(int image);
   // Of everything. through_lens: see BundleOptions. Lenses are free where the options say so. thin:
   // of many images, only as many tracks as hold each; the other points follow.
-  BundleSummary AdjustGlobally(int max_iterations, double tolerance, bool through_lens,
-                               bool lens_free, bool thin);
+  void AdjustGlobally(int max_iterations, double tolerance, bool through_lens, bool lens_free,
+                      bool thin);
   // The last adjustment, through the lens and by all tracks.
   void AdjustFinally(int max_iterations, double tolerance, bool lens_free);
   // Whether adjustments may leave tracks out: there are enough images.

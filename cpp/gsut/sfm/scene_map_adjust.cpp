@@ -142,8 +142,8 @@ std::vector<int> SceneMap::AdjustLocally(int image) {
   return tracks;
 }
 
-BundleSummary SceneMap::AdjustGlobally(int max_iterations, double tolerance, bool through_lens,
-                                       bool lens_free, bool thin) {
+void SceneMap::AdjustGlobally(int max_iterations, double tolerance, bool through_lens,
+                              bool lens_free, bool thin) {
   BundleOptions options;
   options.max_iterations = max_iterations;
   options.function_tolerance = tolerance;
@@ -153,7 +153,7 @@ BundleSummary SceneMap::AdjustGlobally(int max_iterations, double tolerance, boo
   const bool some = thin && ThinsOut();
   const std::vector<int> tracks = some ? ChooseSpread() : TracksOf(nullptr);
   Bundle bundle = MakeBundle(nullptr, tracks, &options, &image_of);
-  const BundleSummary summary = AdjustBundle(&bundle, options);
+  AdjustBundle(&bundle, options);
   const std::vector<Pose> before = poses_;
   StoreBundle(bundle, image_of, tracks);
   if (rolling() && !HasRates()) UpdateVelocitySigmas(bundle);
@@ -163,7 +163,6 @@ BundleSummary SceneMap::AdjustGlobally(int max_iterations, double tolerance, boo
   }
   if (some) PlaceOthers(tracks, before);
   UpdateLoss();
-  return summary;
 }
 
 // The nearest registered image of the camera on either side in time; at an end, the image itself is
