@@ -40,6 +40,16 @@ def project(points, pose, velocity):
     return pixels, valid
 
 
+def list_true_poses(turn):
+    """The camera_from_world (12, 4, 4) of a flight."""
+    poses = []
+    for i, center in enumerate(CENTERS):
+        pose = _core.exp_pose([0, 0, 0, 0, turn * (i % 3), turn * i])
+        pose[:3, 3] = -pose[:3, :3] @ center
+        poses.append(pose)
+    return np.array(poses)
+
+
 def fly(rng, relief, stretch=0.0, turn=0.0, speed=0.0, mounts=()):
     """A flight over the ground, adjusted with its lens: a finished run.
 
@@ -49,11 +59,7 @@ def fly(rng, relief, stretch=0.0, turn=0.0, speed=0.0, mounts=()):
     """
     span = np.array([9.0, 7.0, relief * HEIGHT])
     points = np.array([0, 0, HEIGHT]) + rng.uniform(-span, span, (400, 3))
-    bodies, poses, features, seen = [], [], [], []
-    for i in range(12):
-        pose = _core.exp_pose([0, 0, 0, 0, turn * (i % 3), turn * i])
-        pose[:3, 3] = -pose[:3, :3] @ CENTERS[i]
-        bodies.append(pose)
+    bodies, poses, features, seen = list_true_poses(turn), [], [], []
     velocity = np.array([speed, 0, 0, 0, 0, 0])
     for mount in (np.eye(4), *mounts):
         for body in bodies:

@@ -14,6 +14,7 @@ from gsut.judge.lens_errors import LENS_ERRORS
 from gsut.judge.path_errors import PATH_ERRORS
 from gsut.judge.preference import (
     LEAST_NOISE,
+    MEDIAN_DEVIATION,
     SURE,
     Matches,
     Preference,
@@ -30,6 +31,7 @@ HYPOTHESES = (*READINGS, *LENS_ERRORS, *PATH_ERRORS)
 __all__ = [
     "HYPOTHESES",
     "LEAST_NOISE",
+    "MEDIAN_DEVIATION",
     "MOMENTS",
     "SURE",
     "TINY",

@@ -60,7 +60,7 @@ class Sweep:
     Attributes:
         weight: of the poses from colours against those that the views started from.
         error_degrees, error_moved: errors of the colours' poses, from the difference of halves.
-        lens_weight, lens_error_px: the same for a refined lens.
+        lens_weight, lens_sigma_px: the same for a refined lens.
     """
 
     step: int
@@ -71,7 +71,7 @@ class Sweep:
     error_degrees: float
     error_moved: float
     lens_weight: float | None = None
-    lens_error_px: float | None = None
+    lens_sigma_px: float | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Converts the sweep for metrics.json."""
@@ -226,7 +226,7 @@ class TrainingRefiner:
         middle = np.mean([each.params for each in found], axis=0)
         lens = self._start["lens"] + weight * (middle - self._start["lens"])
         self.views.replace_lenses([file.with_params(lens)])
-        return {"lens_weight": weight, "lens_error_px": error}
+        return {"lens_weight": weight, "lens_sigma_px": error}
 
     def _sample_view(
         self, level: Level, index: int, step: int, half: int

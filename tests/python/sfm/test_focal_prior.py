@@ -8,14 +8,14 @@ import pytest
 
 import tolerances
 from gsut.lens import convert_camera, with_scaled_focal
-from gsut.sfm.lens import prior
+from gsut.sfm.lens import measure_lens_difference, measure_pose_differences
 from gsut.sfm.lens.covariance import estimate_focal_spread, estimate_lens_sigmas
 from gsut.sfm.lens.doubt import judge_lens
 from gsut.sfm.lens.prior import find_focal
 from gsut.sfm.mapping import PosesLog
 from gsut.sfm.report.verdict import judge_solution
 from gsut.sfm.solution import adjust_registered
-from made_flight import FREE, LENS, OPTIONS, fly, fly_again
+from made_flight import FREE, LENS, OPTIONS, fly, fly_again, list_true_poses
 
 
 def judge(flight, px=None, sigma=0.06, fov=None):
@@ -150,10 +150,25 @@ def test_given_lens_that_images_do_not_determine_is_left_alone(flight):
     assert run.found.figures["given_focal"]["agrees"] and not run.log.notes
 
 
-@pytest.mark.parametrize(("name", "known"), [("flight", math.log(1.25)), ("walk", 0.03)])
-def test_focal_length_that_a_far_one_could_replace_is_not_determined(
-    name, known, request, monkeypatch
-):
-    monkeypatch.setattr(prior, "estimate_focal_sigma", lambda *_: 0.03)  # of any group left out
-    run, _ = judge(request.getfixturevalue(name))
-    assert run.found.focal_sigma == pytest.approx(known)
+def test_errors_without_groups_are_about_those_of_poses_and_lens(walk, flight):
+    for made, turn in ((walk, 0.3), (flight, 0.0)):
+        run, _ = judge(made)
+        most, many = run.found.pose_errors_px
+        right = dataclasses.replace(run.solved, camera_from_world=list_true_poses(turn))
+        error = np.quantile(measure_pose_differences(run.solved, right, run.solved), 0.9)
+        lens = measure_lens_difference(run.solved.cameras[0], LENS)
+        assert 0 < many < most and error < tolerances.FOCAL_SIGMAS * most
+        assert lens < tolerances.FOCAL_SIGMAS * run.found.lens_sigma_px
+        assert made is flight or most < tolerances.HALVES_FACTOR * error
+
+
+def test_lens_difference_is_that_of_the_focal_length_and_not_of_a_turn():
+    far = with_scaled_focal(LENS, 20.0)  # so narrow that a turn only shifts the picture
+    assert measure_lens_difference(LENS, LENS) < 1e-9
+    x, y = (np.arange(0.5, side) - side / 2 for side in (LENS.width, LENS.height))
+    size = 0.01 * math.sqrt(np.mean(x**2) + np.mean(y**2))
+    found = measure_lens_difference(far, with_scaled_focal(far, 1.01))
+    assert found == pytest.approx(size, rel=0.1)
+    moved = np.array(far.params)
+    moved[2] += 3.0
+    assert measure_lens_difference(far, far.with_params(moved)) < 0.1

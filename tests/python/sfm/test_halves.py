@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 import tolerances
-from gsut import _core
-from gsut.sfm.starts.halves import compare_halves, measure_differences, split_matches
-from made_flight import CENTERS, fly_again
+from gsut.sfm.lens import measure_pose_differences
+from gsut.sfm.starts.halves import compare_halves, split_matches
+from made_flight import fly_again, list_true_poses
 
 
 @pytest.fixture(scope="module")
@@ -35,21 +35,16 @@ def test_halves_share_no_point_and_lose_no_match(flight):
 
 def test_difference_of_halves_is_about_the_error_of_the_poses(flight):
     flight = compare_halves(flight)
-    tenth, most = flight.found.halves_px
+    tenth, most = flight.found.pose_errors_px
     assert 0 < most < tenth
-    truth = []
-    for i, center in enumerate(CENTERS):
-        pose = _core.exp_pose([0, 0, 0, 0, 0.3 * (i % 3), 0.3 * i])
-        pose[:3, 3] = -pose[:3, :3] @ center
-        truth.append(pose)
     solution = flight.solved
-    right = dataclasses.replace(solution, camera_from_world=np.array(truth))
-    error = np.quantile(measure_differences(solution, right, solution), 0.9)
+    right = dataclasses.replace(solution, camera_from_world=list_true_poses(0.3))
+    error = np.quantile(measure_pose_differences(solution, right, solution), 0.9)
     print("error over half the difference", error / tenth)
     assert 1 / tolerances.HALVES_FACTOR < error / tenth < tolerances.HALVES_FACTOR
 
 
 def test_few_points_make_halves_differ_more_or_lose_images(flight):
     whole, few, none = (compare_halves(keep_points(flight, count)) for count in (150, 16, 4))
-    assert few.found.halves_px[0] > 1.5 * whole.found.halves_px[0]
-    assert none.found.halves_px == (math.inf, math.inf)
+    assert few.found.pose_errors_px[0] > 1.5 * whole.found.pose_errors_px[0]
+    assert none.found.pose_errors_px == (math.inf, math.inf)

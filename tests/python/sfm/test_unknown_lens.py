@@ -164,12 +164,13 @@ def turning(radians):
         ({"doubt": reject(0.03, 0.45)}, "good", ""),
         ({"doubt": reject(0.08, 0.3)}, "poor", "reject all matches of 8 % of the pairs of images"),
         # Either half of the points: all pairs alike, a tenth apart, most apart, images lost.
-        ({"doubt": Findings(halves_px=(90.0, 0.5))}, "usable", "gives poses 90.0 px off"),
-        ({"doubt": Findings(halves_px=(200.0, 90.0))}, "poor", "gives poses 200.0 px off"),
-        ({"doubt": Findings(halves_px=(math.inf, 0.5))}, "usable", "loses images"),
-        # The error of the focal length adds to that of the points.
-        ({"doubt": Findings(halves_px=(7.0, 0.5), focal_sigma=0.018)}, "usable", "8.6 px off"),
-        ({"doubt": Findings(halves_px=(3.0, 0.5), focal_sigma=0.029)}, "usable", "px open"),
+        ({"doubt": Findings(pose_errors_px=(90.0, 0.5))}, "usable", "poses are 90.0 px off"),
+        ({"doubt": Findings(pose_errors_px=(200.0, 90.0))}, "poor", "poses are 200.0 px off"),
+        ({"doubt": Findings(pose_errors_px=(math.inf, 0.5))}, "usable", "lose their pose"),
+        # The lens: where its error was measured its focal length alone does not judge.
+        ({"doubt": Findings(lens_sigma_px=1.0, focal_sigma=0.1)}, "good", ""),
+        ({"doubt": Findings(lens_sigma_px=15.0, focal_sigma=0.1)}, "usable", "only to 20.0 %"),
+        ({"doubt": Findings(lens_sigma_px=133.4, focal_sigma=0.01)}, "poor", "is probably 90.0 px"),
         # A rolling shutter: turns that hands make, too fast ones, and impossible ones.
         ({"velocities": turning(0.12)}, "usable", "turn by 7 degrees while they are read"),
         ({"velocities": turning(0.3)}, "poor", "turn by 17 degrees while they are read"),

@@ -42,8 +42,9 @@ class PosesQuality(PictureQuality):
     Attributes:
         registered, points: numbers of images with a pose and of points.
         median_px: median residual in pixels; diagonal_px: the images' diagonal.
-        halves_px: half of the difference of poses adjusted with either half of the points, pixels
+        pose_errors_px: probable errors of relative poses, by leaving out images or points: pixels
             that nine and six in ten pairs of images stay below; 0 if not measured.
+        lens_sigma_px: standard deviation of the lens over a picture; None: that of `focal_sigma`.
         focal_gap: relative difference of the focal length that the images determine from that of a
             given lens; 0: none beyond doubt.
         agreement: share of the matches that observe one point; 1 if not measured.
@@ -61,9 +62,10 @@ class PosesQuality(PictureQuality):
     points: int
     median_px: float
     diagonal_px: float
-    halves_px: tuple[float, float]
+    pose_errors_px: tuple[float, float]
     agreement: float
     focal_sigma: float | None
+    lens_sigma_px: float | None = None
     focal_gap: float = 0.0
     contradicted: float = 0.0
     contradicted_images: Mapping[str, float] = dataclasses.field(default_factory=dict)
@@ -89,18 +91,24 @@ class PosesQuality(PictureQuality):
 
     @property
     def lens_px(self) -> float:
-        """Returns by how many pixels the probable error of the focal length shifts a picture."""
+        """Returns by how many pixels the probable error of the lens shifts a picture."""
+        if self.lens_sigma_px is not None:
+            return self.scale * self.lens_sigma_px / MEDIAN_DEVIATION
         return convert_focal_error((self.focal_sigma or 0.0) / MEDIAN_DEVIATION)
 
     @property
     def error_px(self) -> float:
-        """Returns the pixels that focal length and points leave open.
+        """Returns the pixels that lens and poses are probably off.
 
         Of nine in ten pairs of images, as a good result needs it; from USABLE_PX on, of six in ten.
-        The halves are adjusted through one lens, so that they do not show its error.
         """
-        most, many = (math.hypot(self.scale * px, self.lens_px) for px in self.halves_px)
-        return max(min(most, USABLE_PX), many)
+        most, many = (self.scale * px for px in self.pose_errors_px)
+        return max(min(most, USABLE_PX), many, self.lens_px)
+
+    @property
+    def is_lens_open(self) -> bool:
+        """Returns whether the lens is farther off than poses, which a wrong lens bends too."""
+        return self.lens_px > self.scale * self.pose_errors_px[1]
 
 
 def convert_focal_error(error: float) -> float:
@@ -109,21 +117,20 @@ def convert_focal_error(error: float) -> float:
 
 
 def _describe_error(q: PosesQuality) -> str:
-    """Describes which of focal length and points leaves poses open."""
-    sigma, px = q.focal_sigma or 0.0, q.halves_px[0]
-    off = math.hypot(px, q.lens_px / q.scale)
+    """Describes which of lens and poses is open."""
+    sigma, px = q.focal_sigma or 0.0, q.pose_errors_px[0]
+    if q.is_lens_open:
+        if sigma < FOCAL_LIMIT:
+            return f"the lens is probably {q.lens_px / q.scale:.1f} px off"
+        known = f"known only to {200 * sigma:.1f} %" if 2 * sigma <= 0.5 else "not determined"
+        return f"the focal length is {known}"
     if not math.isfinite(px):
-        return "either half of the points loses images"
-    if q.lens_px <= q.scale * px:
-        return f"either half of the points gives poses {off:.1f} px off"
-    if q.lens_px <= GOOD_PX:
-        return f"the focal length and either half of the points leave poses {off:.1f} px open"
-    known = f"known only to {200 * sigma:.1f} %" if 2 * sigma <= 0.5 else "not determined"
-    return f"the focal length is {known}"
+        return "without some of the points or images others lose their pose"
+    return f"without some of the points or images poses are {px:.1f} px off"
 
 
 def _choose_step_on_error(q: PosesQuality) -> str:
-    if q.lens_px > q.scale * q.halves_px[0]:
+    if q.is_lens_open:
         return "give the lens by --camera or --fov, or turn the camera more while you walk"
     return _choose_step_on_matches(q) if q.agreement < _FEW_AGREE else _ADD_BETWEEN
 

@@ -11,6 +11,7 @@ from gsut._core import SolveError
 from gsut.lens import find_focal_params
 from gsut.sfm.gyroscope.evidence import SCALE_SIGMA, calibrate_poses
 from gsut.sfm.lens import (
+    adjust_without_groups,
     estimate_focal_sigma,
     estimate_lens_sigmas,
     find_focal,
@@ -39,7 +40,9 @@ def find_focal_by_turns(mapping: Mapping) -> Mapping:
         return mapping
     rates = mapping.photographs.turns[mapping.found.figures["gyroscope"]["used"]]
     features_sigma = _find_formal_sigma(solution, flags, None)
-    alone = estimate_focal_sigma(mapping.replace(turns=None), flags, features_sigma)
+    apart = mapping.replace(turns=None)
+    without = adjust_without_groups(apart, flags)
+    alone = estimate_focal_sigma(apart, flags, features_sigma, without)
     shared = (alone / features_sigma) ** 2 if math.isfinite(features_sigma) else _MOST_SHARED
     turns = dataclasses.replace(turns, shared=min(max(1.0, shared), _MOST_SHARED))
     adjustment = Adjustment(

@@ -13,13 +13,14 @@ from gsut.sfm.lens.center import describe_center
 from gsut.sfm.lens.covariance import estimate_lens_sigmas
 from gsut.sfm.lens.critical_motion import find_critical_motion
 from gsut.sfm.lens.given import check_given_lens
-from gsut.sfm.lens.prior import estimate_focal_sigma, weigh_focal_prior
+from gsut.sfm.lens.jackknife import adjust_without_groups, estimate_focal_sigma, measure_errors
+from gsut.sfm.lens.prior import weigh_focal_prior
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.solution import LensFlags, Solution, StatedTurns, index_lenses
 
 
 def judge_lens(mapping: Mapping) -> Mapping:
-    """Adds to the findings how well the focal length of the least known lens is known.
+    """Adds to the findings how well lenses are known, and where one was estimated the poses.
 
     Where all lenses are known, whether the photographs contradict them; see `check_given_lens`.
     """
@@ -32,12 +33,17 @@ def judge_lens(mapping: Mapping) -> Mapping:
         mapping = describe_center(mapping, lens, known[0] if known else None)
     motion = find_critical_motion(solution)
     by_turns = mapping.found.figures.get("focal_prior")
-    if mapping.one_lens_free is None:
-        sigma = estimate_focal_sigma(mapping, flags, sigma)
-    elif by_turns is None:
-        mapping, sigma = weigh_focal_prior(mapping, sigma)
-    else:
+    if by_turns is not None:
         sigma = by_turns["sigma_percent"] / 100
+    else:
+        without = adjust_without_groups(mapping, flags)
+        sigma = alone = estimate_focal_sigma(mapping, flags, sigma, without)
+        if mapping.one_lens_free is not None:
+            mapping, sigma = weigh_focal_prior(mapping, mapping.one_lens_free, alone)
+        if without is not None and len(without) > 1 and math.isfinite(alone):
+            poses_px, lens_px = measure_errors(mapping.solved, without)
+            lens_px *= sigma / alone  # what a prior adds
+            mapping = mapping.add_findings(pose_errors_px=poses_px, lens_sigma_px=lens_px)
     if mapping.turns is not None and sigma <= FOCAL_LIMIT:
         motion = None  # settled by the gyroscope
     percent = 100 * sigma if math.isfinite(sigma) else None

@@ -12,7 +12,8 @@ from gsut.judge import SURE
 from gsut.judge.checks import FOCAL_LIMIT
 from gsut.lens import Camera, find_focal_params, has_focal_length
 from gsut.sfm.lens.covariance import estimate_lens_sigmas
-from gsut.sfm.lens.prior import adjust_without_groups, find_focal
+from gsut.sfm.lens.jackknife import adjust_without_groups, estimate_focal_sigma
+from gsut.sfm.lens.prior import find_focal
 from gsut.sfm.lens.search import FIRST_IMAGES
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import PairMatches, choose_connected_pairs, keep_most_distinct
@@ -50,7 +51,7 @@ def check_given_lens(mapping: Mapping) -> Mapping:
         gap = abs(math.log(own / given))
         if gap > max(FOCAL_LIMIT, SURE * sigma):
             some = mapping.replace(solution=free, pairs=pairs)
-            sigma = max(sigma, adjust_without_groups(some, flags))
+            sigma = estimate_focal_sigma(some, flags, sigma, adjust_without_groups(some, flags))
         agrees = gap <= max(FOCAL_LIMIT, SURE * sigma)
     except SolveError:  # nothing can be said
         return mapping

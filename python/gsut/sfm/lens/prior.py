@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import dataclasses
 import math
 
@@ -10,68 +9,49 @@ import numpy as np
 
 from gsut._core import SolveError
 from gsut.judge import SURE
-from gsut.judge.checks import FOCAL_LIMIT
 from gsut.lens import FocalPrior, find_focal_params, with_scaled_focal
 from gsut.sfm.lens.candidates import guess_lens
-from gsut.sfm.lens.covariance import estimate_focal_spread
 from gsut.sfm.lens.information import GROUPS
 from gsut.sfm.mapping import Mapping
-from gsut.sfm.matches import keep_most_distinct
 from gsut.sfm.solution import (
     Adjustment,
-    LensFlags,
     ReadoutMotion,
     Solution,
     adjust_registered,
-    compare_solutions,
 )
 from gsut.significance import convert_to_normal
 
 # Standard deviation of the logarithm of a focal length by --fov, which is a rough field of view,
 # and by a lens of the database, of which cameras have several modes.
 _STATED = 0.05
-# Fewest images of which some can be left out and the others still determine a lens: how well it is
-# known cannot be measured with fewer.
-_FEWEST_IMAGES = 4
-# Most images that are adjusted anew without a group. Of more, one linear step must do, which said a
-# third of it of a capture of 50.
-_MOST_ADJUSTED = 100
-# Factor by which a focal length must not change without the matches clearly saying so.
-_FAR = 1.25
 # Share of the prior's standard deviation below which the images alone know better.
 _NEGLIGIBLE = 0.1
 
 
-def weigh_focal_prior(mapping: Mapping, features_sigma: float) -> tuple[Mapping, float]:
+def weigh_focal_prior(mapping: Mapping, flags: np.ndarray, sigma: float) -> tuple[Mapping, float]:
     """Moves the focal length to the weighted mean of images and prior, where the two agree.
 
     Everything else is adjusted again with that focal length held.
 
     Args:
-        features_sigma: standard deviation of the logarithm of the focal length by the errors of
-            the features alone.
+        flags: of the one lens' free parameters.
+        sigma: standard deviation of the logarithm of the focal length by the images alone.
 
     Returns:
         The run with solution, and "focal_prior" of the figures where there is a prior; and
         the standard deviation of the logarithm of the focal length.
     """
-    solution, flags = mapping.solved, mapping.one_lens_free
-    if flags is None:
-        return mapping, features_sigma
-    sigma = estimate_focal_sigma(mapping, flags, features_sigma)
-    if FOCAL_LIMIT < sigma < math.log(_FAR) and not _is_determined(mapping, flags):
-        sigma = math.log(_FAR)
     prior = _find_prior(mapping)
     if prior is None:
         return mapping, sigma
-    focal = find_focal(solution)
+    focal = find_focal(mapping.solved)
     gap = math.log(focal / prior.px)
     apart = convert_to_normal(gap / math.hypot(sigma, prior.sigma), GROUPS - 1)
     agrees = bool(apart <= SURE)
     share = 1 / (1 + (sigma / prior.sigma) ** 2) if math.isfinite(sigma) else 0.0  # of the images
     both = prior.sigma * math.sqrt(1 - share)
     held = None
-    if agrees and sigma > _NEGLIGIBLE * prior.sigma and solution.shutter is None:
+    if agrees and sigma > _NEGLIGIBLE * prior.sigma and mapping.solved.shutter is None:
         held = hold_focal(mapping, flags, math.exp((share - 1) * gap))
     known = f"{focal:.0f} px, known to {200 * sigma:.1f} % (two standard deviations)"
     figures = {
@@ -112,23 +92,6 @@ def _find_prior(mapping: Mapping) -> FocalPrior | None:
     return FocalPrior(photographs.exif_focal_px, photographs.focal_sigma, "EXIF")
 
 
-def _is_determined(mapping: Mapping, flags: np.ndarray) -> bool:
-    """Returns whether matches clearly speak against a focal length far from the one found.
-
-    How it varies without some of the images is no evidence of that: where all of them leave it
-    open, each of their groups keeps the one that was found.
-    """
-    found, *others = (hold_focal(mapping, flags, factor) for factor in (1.0, 1 / _FAR, _FAR))
-    if found is None:
-        return True
-    gains = [
-        compare_solutions(found, other, mapping.features, mapping.pairs)
-        for other in others
-        if other is not None
-    ]
-    return all(each.gain < -SURE * each.sigma for each in gains)
-
-
 def find_focal(solution: Solution) -> float:
     """Returns the focal length in pixels that the one lens of a solution has."""
     camera = solution.cameras[int(np.flatnonzero(solution.registered)[0])]
@@ -153,41 +116,3 @@ def hold_focal(mapping: Mapping, flags: np.ndarray, factor: float) -> Solution |
     except SolveError:
         return None
     return held if held.num_registered == solution.num_registered else None
-
-
-def estimate_focal_sigma(mapping: Mapping, flags: LensFlags, features_sigma: float) -> float:
-    """Estimates the standard deviation of the logarithm of the focal length by the images alone.
-
-    That of the features' errors, but at least how much the focal length varies without some of the
-    images: what features share, a shutter, a lens of another shape and wrong matches hardly raise
-    the residuals. Infinite for fewer than four images. Of several lenses that of the least known.
-    """
-    solution = mapping.solved
-    if solution.num_registered < _FEWEST_IMAGES:
-        return math.inf
-    is_one = isinstance(flags, np.ndarray) and mapping.photographs.frames is None
-    if is_one and solution.num_registered <= _MOST_ADJUSTED:
-        return max(features_sigma, adjust_without_groups(mapping, flags))
-    return max(features_sigma, estimate_focal_spread(solution, flags, mapping.turns))
-
-
-def adjust_without_groups(mapping: Mapping, flags: LensFlags) -> float:
-    """Measures what `estimate_focal_spread` does, by adjusting: few images are far from linear.
-
-    Infinite where too few images are left without a group.
-    """
-    solution, logs = mapping.solved, []
-    pairs, images = keep_most_distinct(mapping.pairs), np.flatnonzero(solution.registered)
-    adjustment = Adjustment(
-        flags, lens_settled=True, motion=ReadoutMotion.hold(solution), covariances=False,
-        turns=mapping.turns,
-    )  # fmt: skip
-    for group in np.array_split(images, min(GROUPS, len(images))):
-        registered = solution.registered & ~np.isin(np.arange(len(solution.names)), group)
-        start = dataclasses.replace(solution, registered=registered)
-        with contextlib.suppress(SolveError):  # too few are left
-            found = adjust_registered(
-                start, mapping.features, pairs, mapping.options, adjustment=adjustment
-            )
-            logs.append(math.log(find_focal(found)))
-    return math.sqrt((len(logs) - 1) * float(np.var(logs))) if len(logs) > 1 else math.inf

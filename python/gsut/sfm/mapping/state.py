@@ -73,8 +73,10 @@ class Findings:
             the largest first.
         focal_sigma: standard deviation of an estimated focal length over it; infinite: not
             determined; None: the lens was known.
-        halves_px: half of the difference of poses adjusted with either half of the points: pixels
+        pose_errors_px: probable errors of relative poses, by leaving out images or points: pixels
             that nine and six in ten pairs of images stay below; None: not measured.
+        lens_sigma_px: standard deviation of an estimated lens over a picture, by leaving out
+            images; None: not measured.
         focal_gap: relative difference of the focal length that the photographs determine from that
             of a given lens, where it contradicts the lens beyond doubt; 0: none.
         motion: why the motion or the scene leaves the lens open, as a sentence, or None.
@@ -88,7 +90,8 @@ class Findings:
     contradicted_images: dict[str, float] = dataclasses.field(default_factory=dict)
     look_alikes: LookAlikes | None = None
     focal_sigma: float | None = None
-    halves_px: tuple[float, float] | None = None
+    pose_errors_px: tuple[float, float] | None = None
+    lens_sigma_px: float | None = None
     focal_gap: float = 0.0
     motion: str | None = None
     figures: dict[str, Any] = dataclasses.field(default_factory=dict)

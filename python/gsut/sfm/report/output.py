@@ -52,12 +52,13 @@ def write_poses(mapping: Mapping, folder: Path, made_from: str) -> dict[str, Any
     log.note(*list_notes(mapping), *models)
     verdict = judge_solution(solution, mapping.features, found)
     look_alikes = found.look_alikes
-    is_measured = found.halves_px is not None and math.isfinite(sum(found.halves_px))
+    errors, lens = found.pose_errors_px, found.lens_sigma_px
     figures = found.figures | {
         "matches_in_points": found.agreement,
         "contradicted_pairs": found.contradicted,
         "contradicted_images": found.contradicted_images,
-        "halves_px": found.halves_px if is_measured else None,
+        "pose_errors_px": errors and [px if math.isfinite(px) else None for px in errors],
+        "lens_sigma_px": lens if lens is not None and math.isfinite(lens) else None,
         "models": [int(model.num_registered) for model in found.models],
         "verdict": verdict.as_dict(),
         "made_from": made_from,

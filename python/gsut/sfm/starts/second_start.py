@@ -12,6 +12,7 @@ import numpy as np
 from gsut._core import SolveError
 from gsut.gaussians import find_nearest_rotation
 from gsut.judge.checks import IMPOSSIBLE_TURN, UNUSABLE
+from gsut.sfm.lens import measure_pose_differences
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import keep_most_distinct
 from gsut.sfm.solution import (
@@ -24,7 +25,7 @@ from gsut.sfm.solution import (
     measure_diagonal,
     solve_poses,
 )
-from gsut.sfm.starts.halves import HALF_INLIERS, MOST_IMAGES, measure_differences, split_matches
+from gsut.sfm.starts.halves import HALF_INLIERS, MOST_IMAGES, split_matches
 
 _VELOCITIES = 6  # of an image that has its own
 
@@ -119,7 +120,7 @@ def _find_others(mapping: Mapping, still: Solution) -> Iterator[Solution]:
             continue
         begun.add(found.initial_pair)
         # Of which one pair in ten is farther off, no adjustment makes the same structure.
-        differences = measure_differences(found, still, still)
+        differences = measure_pose_differences(found, still, still)
         if np.quantile(differences, 0.9, method="higher") > limit:
             yield found
 
