@@ -123,7 +123,7 @@ def give_lens(flight, factor):
 def test_given_lens_of_another_focal_length_is_contradicted(walk, images, factor, word):
     some = dataclasses.replace(walk.solution, registered=np.arange(12) < images)
     run, verdict = give_lens(dataclasses.replace(walk, solution=some), factor)
-    row = run.found.figures["given_focal"]
+    row = run.found.figures["given_lens"]
     error = math.log(row["images_px"] / LENS.params[0])
     assert abs(error) < tolerances.FOCAL_SIGMAS * row["images_sigma_percent"] / 100
     assert not row["agrees"] and verdict.level == "poor"
@@ -141,13 +141,13 @@ def test_focal_length_is_found_where_parameters_begin_with_others(walk):
 def test_given_lens_that_is_right_is_not_contradicted(walk, flight):
     for made in (walk, flight):
         run, verdict = give_lens(made, 1.0)
-        assert run.found.figures["given_focal"]["agrees"] and run.found.focal_gap == 0
+        assert run.found.figures["given_lens"]["agrees"] and run.found.lens_gap_px == 0
         assert not run.log.notes and verdict.level == "good"
 
 
 def test_given_lens_that_images_do_not_determine_is_left_alone(flight):
     run, _ = give_lens(flight, 1.05)
-    assert run.found.figures["given_focal"]["agrees"] and not run.log.notes
+    assert run.found.figures["given_lens"]["agrees"] and not run.log.notes
 
 
 def test_errors_without_groups_are_about_those_of_poses_and_lens(walk, flight):

@@ -45,8 +45,8 @@ class PosesQuality(PictureQuality):
         pose_errors_px: probable errors of relative poses, by leaving out images or points: pixels
             that nine and six in ten pairs of images stay below; 0 if not measured.
         lens_sigma_px: standard deviation of the lens over a picture; None: that of `focal_sigma`.
-        focal_gap: relative difference of the focal length that the images determine from that of a
-            given lens; 0: none beyond doubt.
+        lens_gap_px, focal_gap: difference of the lens that the images determine from a given one,
+            over a picture and relative of the focal length; 0: none beyond doubt.
         agreement: share of the matches that observe one point; 1 if not measured.
         contradicted: share of the pairs of images whose matches the poses reject as a whole.
         contradicted_images: share of each image's matches that are in such pairs, by its name, the
@@ -66,6 +66,7 @@ class PosesQuality(PictureQuality):
     agreement: float
     focal_sigma: float | None
     lens_sigma_px: float | None = None
+    lens_gap_px: float = 0.0
     focal_gap: float = 0.0
     contradicted: float = 0.0
     contradicted_images: Mapping[str, float] = dataclasses.field(default_factory=dict)
@@ -185,9 +186,9 @@ POSES_CHECKS: tuple[Check[PosesQuality], ...] = (
         _choose_step_on_matches,
     ),
     Check(
-        "given focal length", lambda q: convert_focal_error(q.focal_gap), GOOD_PX, USABLE_PX,
-        lambda q: f"the focal length differs by {100 * q.focal_gap:+.0f} % from that of the given "
-        "lens",
+        "given lens", lambda q: q.scale * q.lens_gap_px, GOOD_PX, USABLE_PX,
+        lambda q: f"the lens differs by {q.lens_gap_px:.0f} px over the picture, its focal length "
+        f"by {100 * q.focal_gap:+.0f} %, from the given one",
         _ESTIMATE_LENS,
     ),
     Check(

@@ -11,7 +11,7 @@ from gsut.data.poses import find_centers
 from gsut.gaussians import find_nearest_rotation, measure_rotation_angles
 from gsut.judge import measure_pixels_per_radian
 from gsut.lens import Camera, spread_pixels
-from gsut.sfm.solution import Solution, transform_to_cameras
+from gsut.sfm.solution import Solution, measure_diagonal, transform_to_cameras
 
 _IMAGES = 100  # that are compared with each other, evenly chosen
 # Baseline over the distance of what is seen, below which a pair has no direction to get wrong.
@@ -47,14 +47,14 @@ def measure_lens_difference(one: Camera, other: Camera) -> float:
     """Measures by how many pixels two lenses differ over a picture, the best turn taken out.
 
     Returns:
-        Root mean square; infinite where they have no ray in common.
+        Root mean square, at most the diagonal, which it is where they have no ray in common.
     """
-    pixels = spread_pixels(one.width, one.height).reshape(-1, 2)
+    pixels, diagonal = spread_pixels(one.width, one.height).reshape(-1, 2), measure_diagonal([one])
     (rays, valid), (others, also) = (each.unproject(pixels) for each in (one, other))
     both = valid & also
     if not both.any():
-        return math.inf
+        return diagonal
     turn = find_nearest_rotation(rays[both].T @ others[both])
     places, seen = one.project(others[both] @ turn.T)
     error = np.sum((places - pixels[both])[seen] ** 2, axis=1)
-    return math.sqrt(np.mean(error)) if seen.any() else math.inf
+    return min(math.sqrt(np.mean(error)), diagonal) if seen.any() else diagonal

@@ -13,7 +13,12 @@ from gsut.sfm.lens.center import describe_center
 from gsut.sfm.lens.covariance import estimate_lens_sigmas
 from gsut.sfm.lens.critical_motion import find_critical_motion
 from gsut.sfm.lens.given import check_given_lens
-from gsut.sfm.lens.jackknife import adjust_without_groups, estimate_focal_sigma, measure_errors
+from gsut.sfm.lens.jackknife import (
+    adjust_without_groups,
+    estimate_focal_sigma,
+    measure_lens_sigma,
+    measure_pose_errors,
+)
 from gsut.sfm.lens.prior import weigh_focal_prior
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.solution import LensFlags, Solution, StatedTurns, index_lenses
@@ -41,9 +46,10 @@ def judge_lens(mapping: Mapping) -> Mapping:
         if mapping.one_lens_free is not None:
             mapping, sigma = weigh_focal_prior(mapping, mapping.one_lens_free, alone)
         if without is not None and len(without) > 1 and math.isfinite(alone):
-            poses_px, lens_px = measure_errors(mapping.solved, without)
-            lens_px *= sigma / alone  # what a prior adds
-            mapping = mapping.add_findings(pose_errors_px=poses_px, lens_sigma_px=lens_px)
+            mapping = mapping.add_findings(
+                pose_errors_px=measure_pose_errors(mapping.solved, without),
+                lens_sigma_px=measure_lens_sigma(without) * sigma / alone,  # what a prior adds
+            )
     if mapping.turns is not None and sigma <= FOCAL_LIMIT:
         motion = None  # settled by the gyroscope
     percent = 100 * sigma if math.isfinite(sigma) else None

@@ -1,4 +1,4 @@
-"""Compares the focal length of a given lens with the one that the photographs determine."""
+"""Compares a given lens with the one that the photographs determine."""
 
 from __future__ import annotations
 
@@ -9,63 +9,106 @@ import numpy as np
 
 from gsut._core import SolveError
 from gsut.judge import SURE
-from gsut.judge.checks import FOCAL_LIMIT
-from gsut.lens import Camera, find_focal_params, has_focal_length
-from gsut.sfm.lens.covariance import estimate_lens_sigmas
-from gsut.sfm.lens.jackknife import adjust_without_groups, estimate_focal_sigma
+from gsut.judge.checks import NOT_GOOD
+from gsut.lens import Camera, convert_camera, find_focal_params, has_focal_length
+from gsut.sfm.lens.candidates import list_lens_ladder
+from gsut.sfm.lens.differences import measure_lens_difference
+from gsut.sfm.lens.jackknife import (
+    adjust_without_groups,
+    measure_focal_spread,
+    measure_lens_sigma,
+)
 from gsut.sfm.lens.prior import find_focal
+from gsut.sfm.lens.ranking import ROUGH, LensRanking
 from gsut.sfm.lens.search import FIRST_IMAGES
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import PairMatches, choose_connected_pairs, keep_most_distinct
-from gsut.sfm.solution import (
-    Adjustment,
-    LensFlag,
-    LensFlags,
-    Solution,
-    adjust_registered,
-)
+from gsut.sfm.solution import Adjustment, LensFlag, LensFlags, Solution, measure_diagonal
+
+_ADVICE = "let the lens be estimated with --unknown-lens, or give the lens that took them"
 
 
 def check_given_lens(mapping: Mapping) -> Mapping:
-    """Adds to the findings how far the photographs contradict the focal length of a given lens.
+    """Adds to the findings how far the photographs contradict a given lens.
 
-    Some images are adjusted again with the focal length free. Where the difference would lower the
-    verdict and is more than the features' errors explain, it must also be more than the focal
-    length varies without some of these images. Does nothing for a rig, several lenses, or a lens
-    that has no focal length.
+    Where images have no pose, another lens may be one through which clearly more matches agree.
+    Otherwise some images are adjusted again with the focal length and the first radial coefficient
+    free. Where the lens then differs by more than good poses allow, it must also differ by more
+    than it varies without some of these images. Does nothing for a rig, several lenses, a lens
+    that has no focal length, or too few images.
     """
     solution = mapping.solved
     lens = _find_one_lens(mapping)
     if lens is None or mapping.rig is not None or not len(solution.points):
         return mapping
-    flags = np.zeros(len(lens.params), np.uint8)
-    focal = find_focal_params(lens)
-    flags[focal] = LensFlag.TIED
+    if not solution.registered.all():
+        found_other = _find_better_lens(mapping, lens)
+        if found_other is not None:
+            return found_other
+    trial, flags = _free_lens(lens)
     posed = [p for p in mapping.pairs if solution.registered[[p.first, p.second]].all()]
     pairs = keep_most_distinct(choose_connected_pairs(posed, FIRST_IMAGES))
     try:
-        free = _adjust(mapping, pairs, flags)
-        (known,) = estimate_lens_sigmas(free, flags)
-        given, own = float(lens.params[focal[0]]), find_focal(free)
-        sigma = float(known[focal[0]]) / own
-        gap = abs(math.log(own / given))
-        if gap > max(FOCAL_LIMIT, SURE * sigma):
-            some = mapping.replace(solution=free, pairs=pairs)
-            sigma = estimate_focal_sigma(some, flags, sigma, adjust_without_groups(some, flags))
-        agrees = gap <= max(FOCAL_LIMIT, SURE * sigma)
+        free = _adjust(mapping, trial, pairs, flags)
     except SolveError:  # nothing can be said
         return mapping
-    figures = {
-        "px": given, "images_px": own, "images_sigma_percent": 100 * sigma, "agrees": agrees,
-    }  # fmt: skip
-    if agrees:
-        return mapping.add_findings({"given_focal": figures})
+    own = free.cameras[int(np.flatnonzero(free.registered)[0])]
+    given, found = float(lens.params[find_focal_params(lens)[0]]), find_focal(free)
+    gap = measure_lens_difference(own, trial)
+    figures = {"px": given, "images_px": found, "difference_px": gap, "agrees": True}
+    if gap > NOT_GOOD * measure_diagonal([lens]):
+        without = adjust_without_groups(mapping.replace(solution=free, pairs=pairs), flags)
+        if without is not None and len(without) > 1:
+            figures["images_sigma_percent"] = 100 * measure_focal_spread(without)
+            figures["sigma_px"] = sigma = measure_lens_sigma(without)
+            figures["agrees"] = gap <= SURE * sigma
+    mapping = mapping.add_findings({"given_lens": figures})
+    if figures["agrees"]:
+        return mapping
     mapping.log.note(
-        f"the photographs give a focal length of {own:.1f} px, known to {200 * sigma:.1f} % (two "
-        f"standard deviations), which contradicts the {given:.1f} px of the given lens; let the "
-        "lens be estimated with --unknown-lens, or give the lens that took them"
+        f"the photographs give a lens that differs by {gap:.1f} px over the picture (standard "
+        f"deviation {sigma:.1f} px) from the given one: a focal length of {found:.1f} px, not "
+        f"{given:.1f}; {_ADVICE}"
     )
-    return mapping.add_findings({"given_focal": figures}, focal_gap=own / given - 1)
+    return mapping.add_findings(lens_gap_px=gap, focal_gap=found / given - 1)
+
+
+def _find_better_lens(mapping: Mapping, lens: Camera) -> Mapping | None:
+    """Adds to the findings that matches agree through a lens of the ladder and not the given one.
+
+    None where they do not, by three standard deviations over pairs of images.
+    """
+    ranking = LensRanking(
+        mapping.features, mapping.raw, mapping.options, 1.0 if mapping.shutter is None else ROUGH
+    )
+    ladder = list_lens_ladder(lens.width, lens.height, None)
+    other = ranking.rank_lenses([], ladder, lambda *_: None)[0].camera
+    own, shares = ranking.measure_shares(lens), ranking.measure_shares(other)
+    gains = shares - own
+    if len(gains) < 2 or gains.mean() <= SURE * gains.std(ddof=1) / math.sqrt(len(gains)):
+        return None
+    focal = [float(each.params[find_focal_params(each)[0]]) for each in (lens, other)]
+    mapping.log.note(
+        f"{100 * own.mean():.0f} % of the matches agree through the given lens, "
+        f"{100 * shares.mean():.0f} % through a rough one of {focal[1]:.0f} px: {_ADVICE}"
+    )
+    gap = measure_lens_difference(other, lens)
+    figures = {"px": focal[0], "images_px": focal[1], "difference_px": gap, "agrees": False}
+    return mapping.add_findings(
+        {"given_lens": figures}, lens_gap_px=gap, focal_gap=focal[1] / focal[0] - 1
+    )
+
+
+def _free_lens(lens: Camera) -> tuple[Camera, np.ndarray]:
+    """Returns the lens with a radial coefficient, if it can have one, and flags of what is free."""
+    if lens.model == "pinhole":
+        lens = convert_camera(lens, "opencv4").camera
+    names = lens.param_names.split()
+    flags = np.zeros(len(lens.params), np.uint8)
+    flags[find_focal_params(lens)] = LensFlag.TIED
+    if "k1" in names:
+        flags[names.index("k1")] = LensFlag.FREE
+    return lens, flags
 
 
 def _find_one_lens(mapping: Mapping) -> Camera | None:
@@ -77,12 +120,10 @@ def _find_one_lens(mapping: Mapping) -> Camera | None:
     return lenses[0]
 
 
-def _adjust(mapping: Mapping, pairs: list[PairMatches], flags: LensFlags) -> Solution:
-    """Adjusts the images of some pairs, with these parameters of the lens free."""
+def _adjust(mapping: Mapping, lens: Camera, pairs: list[PairMatches], flags: LensFlags) -> Solution:
+    """Adjusts the images of some pairs through a lens of which these parameters are free."""
     solution = mapping.solved
     images = {image for pair in pairs for image in (pair.first, pair.second)}
     some = solution.registered & np.isin(np.arange(len(solution.names)), list(images))
-    return adjust_registered(
-        dataclasses.replace(solution, registered=some), mapping.features, pairs, mapping.options,
-        adjustment=Adjustment(flags, covariances=False),
-    )  # fmt: skip
+    start = dataclasses.replace(solution, registered=some, cameras=[lens] * len(solution.cameras))
+    return mapping.adjust(Adjustment(flags, covariances=False), start, pairs)

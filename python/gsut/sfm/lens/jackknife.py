@@ -88,28 +88,34 @@ def measure_focal_spread(without: Sequence[Solution]) -> float:
     return math.sqrt((len(logs) - 1) * float(np.var(logs))) if len(logs) > 1 else math.inf
 
 
-def measure_errors(
-    solution: Solution, without: Sequence[Solution]
-) -> tuple[tuple[float, float], float]:
-    """Measures the probable errors of poses, and the deviation of the lens over a picture.
+def measure_pose_errors(solution: Solution, without: Sequence[Solution]) -> tuple[float, float]:
+    """Measures the probable errors of poses by how far they are from those without a group.
 
-    Poses by how far they are from those without a group: a start or a prior that only some images
-    hold counts. The median of the groups, as a few images may hang on one of them alone.
+    A start or a prior that only some images hold counts. The median of the groups, as a few images
+    may hang on one of them alone.
 
     Args:
         without: two or more, see `adjust_without_groups`.
 
     Returns:
         Pixels that nine and six in ten pairs of images stay below, infinite where no group leaves
-        both images a pose; standard deviation of the lens in pixels, root mean square.
+        both images a pose.
     """
-    count = len(without)
     apart = np.sort([measure_pose_differences(each, solution, solution) for each in without], 0)
     known = np.isfinite(apart).sum(axis=0)
     middle = np.array([apart[[(n - 1) // 2, n // 2], i].mean() for i, n in enumerate(known)])
-    factor = math.sqrt(count - 1) / MEDIAN_DEVIATION
+    factor = math.sqrt(len(without) - 1) / MEDIAN_DEVIATION
     most, many = factor * np.quantile(middle, (0.9, 0.6), method="higher")
+    return float(most), float(many)
+
+
+def measure_lens_sigma(without: Sequence[Solution]) -> float:
+    """Measures the standard deviation of the lens over a picture, in pixels.
+
+    Args:
+        without: two or more, see `adjust_without_groups`.
+    """
+    count = len(without)
     lenses = [each.cameras[int(np.flatnonzero(each.registered)[0])] for each in without]
     squared = [measure_lens_difference(*two) ** 2 for two in itertools.combinations(lenses, 2)]
-    sigma = (count - 1) * math.sqrt(np.mean(squared) / (2 * count))
-    return (float(most), float(many)), sigma
+    return (count - 1) * math.sqrt(np.mean(squared) / (2 * count))

@@ -78,6 +78,13 @@ class LensRanking:
 
     def measure_share(self, camera: Camera, pairs: int = _PAIRS, most: int = MATCHES) -> float:
         """Returns the mean share of the matches that agree through this lens."""
+        shares = self.measure_shares(camera, pairs, most)
+        return float(shares.mean()) if len(shares) else 0.0
+
+    def measure_shares(
+        self, camera: Camera, pairs: int = _PAIRS, most: int = MATCHES
+    ) -> np.ndarray:
+        """Returns the share (P,) of each pair's matches that agree through this lens."""
         matches_of = [matches[:most] for matches in self._matches[:pairs]]
         bearings = [_core.ImageBearings(camera, pixels) for pixels in self._pixels]
         valid = [b.valid for b in bearings]
@@ -87,11 +94,12 @@ class LensRanking:
         ]
         error = self._error * float(np.hypot(camera.width, camera.height))
         found = _core.verify_pairs(bearings, self._pairs[:pairs], seen, error, self._seed)
-        shares = [
-            float(inliers.sum()) / len(matches)
-            for (inliers, *_), matches in zip(found, matches_of, strict=True)
-        ]
-        return float(np.mean(shares)) if shares else 0.0
+        return np.array(
+            [
+                float(inliers.sum()) / len(matches)
+                for (inliers, *_), matches in zip(found, matches_of, strict=True)
+            ]
+        )
 
     def rank_lenses(
         self,

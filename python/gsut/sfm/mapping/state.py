@@ -77,8 +77,9 @@ class Findings:
             that nine and six in ten pairs of images stay below; None: not measured.
         lens_sigma_px: standard deviation of an estimated lens over a picture, by leaving out
             images; None: not measured.
-        focal_gap: relative difference of the focal length that the photographs determine from that
-            of a given lens, where it contradicts the lens beyond doubt; 0: none.
+        lens_gap_px, focal_gap: difference of the lens that the photographs determine from a given
+            one, over a picture and relative of the focal length, where it contradicts the given
+            lens beyond doubt; 0: none.
         motion: why the motion or the scene leaves the lens open, as a sentence, or None.
         figures: of poses.json.
     """
@@ -92,6 +93,7 @@ class Findings:
     focal_sigma: float | None = None
     pose_errors_px: tuple[float, float] | None = None
     lens_sigma_px: float | None = None
+    lens_gap_px: float = 0.0
     focal_gap: float = 0.0
     motion: str | None = None
     figures: dict[str, Any] = dataclasses.field(default_factory=dict)

@@ -38,6 +38,7 @@ def judge_solution(solution: Solution, features: Sequence[Features], found: Find
             contradicted=found.contradicted,
             contradicted_images=found.contradicted_images,
             focal_sigma=found.focal_sigma,
+            lens_gap_px=found.lens_gap_px,
             focal_gap=found.focal_gap,
             readout_turn=solution.readout_turn,
             motion=found.motion or "",
