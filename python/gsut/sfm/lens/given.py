@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from gsut._core import SolveError
-from gsut.judge import SURE
+from gsut.judge import SURE, TINY
 from gsut.judge.checks import NOT_GOOD
 from gsut.lens import Camera, convert_camera, find_focal_params, has_focal_length
 from gsut.sfm.lens.candidates import list_lens_ladder
@@ -24,27 +24,22 @@ from gsut.sfm.lens.search import FIRST_IMAGES
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import PairMatches, choose_connected_pairs, keep_most_distinct
 from gsut.sfm.solution import Adjustment, LensFlag, LensFlags, Solution, measure_diagonal
-
-_ADVICE = "let the lens be estimated with --unknown-lens, or give the lens that took them"
+from gsut.significance import convert_to_normal
 
 
 def check_given_lens(mapping: Mapping) -> Mapping:
     """Adds to the findings how far the photographs contradict a given lens.
 
-    Where images have no pose, another lens may be one through which clearly more matches agree.
-    Otherwise some images are adjusted again with the focal length and the first radial coefficient
-    free. Where the lens then differs by more than good poses allow, it must also differ by more
-    than it varies without some of these images. Does nothing for a rig, several lenses, a lens
-    that has no focal length, or too few images.
+    Some images are adjusted again with the focal length and the first radial coefficient free.
+    Where the lens then differs by more than good poses allow, it must also differ by more than it
+    varies without some of these images, or clearly fewer matches of two images must agree through
+    it than through a rough one: poses through a wrong lens determine no other. Does nothing for a
+    rig, several lenses, a lens that has no focal length, or too few images.
     """
     solution = mapping.solved
     lens = _find_one_lens(mapping)
     if lens is None or mapping.rig is not None or not len(solution.points):
         return mapping
-    if not solution.registered.all():
-        found_other = _find_better_lens(mapping, lens)
-        if found_other is not None:
-            return found_other
     trial, flags = _free_lens(lens)
     posed = [p for p in mapping.pairs if solution.registered[[p.first, p.second]].all()]
     pairs = keep_most_distinct(choose_connected_pairs(posed, FIRST_IMAGES))
@@ -55,48 +50,53 @@ def check_given_lens(mapping: Mapping) -> Mapping:
     own = free.cameras[int(np.flatnonzero(free.registered)[0])]
     given, found = float(lens.params[find_focal_params(lens)[0]]), find_focal(free)
     gap = measure_lens_difference(own, trial)
-    figures = {"px": given, "images_px": found, "difference_px": gap, "agrees": True}
+    figures: dict[str, float] = {"px": given}
+    doubts: list[str] = []
     if gap > NOT_GOOD * measure_diagonal([lens]):
         without = adjust_without_groups(mapping.replace(solution=free, pairs=pairs), flags)
         if without is not None and len(without) > 1:
             figures["images_sigma_percent"] = 100 * measure_focal_spread(without)
             figures["sigma_px"] = sigma = measure_lens_sigma(without)
-            figures["agrees"] = gap <= SURE * sigma
+            if gap > SURE * sigma:
+                doubts.append(f"standard deviation {sigma:.1f} px")
+        if not doubts:
+            rough, doubts = _compare_with_rough_lenses(mapping, lens)
+            if doubts:
+                gap, found = measure_lens_difference(rough, lens), float(rough.params[0])
+    figures |= {"images_px": found, "difference_px": gap, "agrees": not doubts}
     mapping = mapping.add_findings({"given_lens": figures})
-    if figures["agrees"]:
+    if not doubts:
         return mapping
     mapping.log.note(
-        f"the photographs give a lens that differs by {gap:.1f} px over the picture (standard "
-        f"deviation {sigma:.1f} px) from the given one: a focal length of {found:.1f} px, not "
-        f"{given:.1f}; {_ADVICE}"
+        f"the photographs give a lens that differs by {gap:.1f} px over the picture from the given "
+        f"one ({doubts[0]}), with a focal length of {found:.1f} px for {given:.1f}; let the lens "
+        "be estimated with --unknown-lens, or give the lens that took them"
     )
     return mapping.add_findings(lens_gap_px=gap, focal_gap=found / given - 1)
 
 
-def _find_better_lens(mapping: Mapping, lens: Camera) -> Mapping | None:
-    """Adds to the findings that matches agree through a lens of the ladder and not the given one.
+def _compare_with_rough_lenses(mapping: Mapping, lens: Camera) -> tuple[Camera, list[str]]:
+    """Finds the lens of the ladder through which most matches of two images agree.
 
-    None where they do not, by three standard deviations over pairs of images.
+    Returns:
+        It, and by how many it is better than the given one, if it is by three standard deviations
+        over pairs of images.
     """
-    ranking = LensRanking(
-        mapping.features, mapping.raw, mapping.options, 1.0 if mapping.shutter is None else ROUGH
-    )
+    factor = 1.0 if mapping.shutter is None else ROUGH
+    ranking = LensRanking(mapping.features, mapping.raw, mapping.options, factor)
     ladder = list_lens_ladder(lens.width, lens.height, None)
-    other = ranking.rank_lenses([], ladder, lambda *_: None)[0].camera
-    own, shares = ranking.measure_shares(lens), ranking.measure_shares(other)
-    gains = shares - own
-    if len(gains) < 2 or gains.mean() <= SURE * gains.std(ddof=1) / math.sqrt(len(gains)):
-        return None
-    focal = [float(each.params[find_focal_params(each)[0]]) for each in (lens, other)]
-    mapping.log.note(
-        f"{100 * own.mean():.0f} % of the matches agree through the given lens, "
-        f"{100 * shares.mean():.0f} % through a rough one of {focal[1]:.0f} px: {_ADVICE}"
-    )
-    gap = measure_lens_difference(other, lens)
-    figures = {"px": focal[0], "images_px": focal[1], "difference_px": gap, "agrees": False}
-    return mapping.add_findings(
-        {"given_lens": figures}, lens_gap_px=gap, focal_gap=focal[1] / focal[0] - 1
-    )
+    rough = ranking.rank_lenses([], ladder, lambda *_: None)[0].camera
+    own, other = ranking.measure_shares(lens), ranking.measure_shares(rough)
+    gains = other - own
+    if len(gains) < 2 or gains.mean() <= 0:
+        return rough, []
+    t = gains.mean() * math.sqrt(len(gains)) / max(gains.std(ddof=1), TINY)
+    if convert_to_normal(t, len(gains) - 1) <= SURE:
+        return rough, []
+    return rough, [
+        f"{100 * own.mean():.0f} % of the matches of two images agree through the given one, "
+        f"{100 * other.mean():.0f} % through a rough one"
+    ]
 
 
 def _free_lens(lens: Camera) -> tuple[Camera, np.ndarray]:
