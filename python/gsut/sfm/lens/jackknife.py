@@ -101,9 +101,8 @@ def measure_pose_errors(solution: Solution, without: Sequence[Solution]) -> tupl
         Pixels that nine and six in ten pairs of images stay below, infinite where no group leaves
         both images a pose.
     """
-    apart = np.sort([measure_pose_differences(each, solution, solution) for each in without], 0)
-    known = np.isfinite(apart).sum(axis=0)
-    middle = np.array([apart[[(n - 1) // 2, n // 2], i].mean() for i, n in enumerate(known)])
+    apart = [measure_pose_differences(each, solution, solution) for each in without]
+    middle = np.ma.filled(np.ma.median(np.ma.masked_invalid(apart), axis=0), np.inf)
     factor = math.sqrt(len(without) - 1) / MEDIAN_DEVIATION
     most, many = factor * np.quantile(middle, (0.9, 0.6), method="higher")
     return float(most), float(many)

@@ -17,7 +17,6 @@ from gsut.sfm.solution import (
     Adjustment,
     ReadoutMotion,
     Solution,
-    adjust_registered,
 )
 from gsut.significance import convert_to_normal
 
@@ -109,10 +108,7 @@ def hold_focal(mapping: Mapping, flags: np.ndarray, factor: float) -> Solution |
         free, extend=True, motion=ReadoutMotion.hold(solution), turns=mapping.turns
     )
     try:
-        held = adjust_registered(
-            start, mapping.features, mapping.pairs, mapping.options,
-            mapping.log.follow_steps("mapping"), adjustment,
-        )  # fmt: skip
+        held = mapping.adjust(adjustment, start, stage="mapping")
     except SolveError:
         return None
     return held if held.num_registered == solution.num_registered else None

@@ -14,7 +14,6 @@ from gsut.sfm.solution import (
     MIN_INLIERS,
     Adjustment,
     ReadoutMotion,
-    adjust_registered,
 )
 
 # Images of which structures are found again, or more than one round adds others: each takes all.
@@ -63,11 +62,9 @@ def _draw_differences(mapping: Mapping, seed: int) -> np.ndarray:
         turns=mapping.turns,
         min_inliers=HALF_INLIERS,
     )
-    features, options = mapping.features, mapping.options
     try:
         one, other = (
-            adjust_registered(solution, features, half, options, adjustment=adjustment)
-            for half in split_matches(mapping, seed)
+            mapping.adjust(adjustment, pairs=half) for half in split_matches(mapping, seed)
         )
     except SolveError:
         one = other = dataclasses.replace(solution, registered=np.zeros_like(solution.registered))

@@ -20,7 +20,6 @@ from gsut.sfm.solution import (
     LensFlags,
     ReadoutMotion,
     Solution,
-    adjust_registered,
     compare_solutions,
     measure_diagonal,
     solve_poses,
@@ -81,11 +80,8 @@ def _adjust(mapping: Mapping, start: Solution, lens_free: LensFlags) -> Solution
     if shutter is not None:  # velocities near none, or what matches demand beyond
         motion = ReadoutMotion(shutter, 1.0, np.zeros((len(start.names), 6)))
     try:
-        return adjust_registered(
-            start, mapping.features, mapping.pairs, mapping.options,
-            mapping.log.follow_steps("mapping"),
-            Adjustment(lens_free, motion=motion, extend=True),
-        )  # fmt: skip
+        adjustment = Adjustment(lens_free, motion=motion, extend=True)
+        return mapping.adjust(adjustment, start, stage="mapping")
     except SolveError:
         return None
 
@@ -98,10 +94,7 @@ def _find_others(mapping: Mapping, still: Solution) -> Iterator[Solution]:
     """
     few = keep_most_distinct(mapping.pairs)
     with contextlib.suppress(SolveError):
-        inside_out = adjust_registered(
-            _turn_inside_out(still), mapping.features, few, mapping.options,
-            adjustment=Adjustment(covariances=False),
-        )  # fmt: skip
+        inside_out = mapping.adjust(Adjustment(covariances=False), _turn_inside_out(still), few)
         if compare_solutions(still, inside_out, mapping.features, few).gain > 0:
             yield inside_out
     if still.num_registered > MOST_IMAGES:
