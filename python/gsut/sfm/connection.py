@@ -3,35 +3,38 @@
 from __future__ import annotations
 
 import contextlib
+from collections.abc import Iterator
 
 import numpy as np
 
 from gsut._core import SolveError
 from gsut.data import list_some
-from gsut.judge.checks import UNUSABLE
 from gsut.sfm.learned import add_learned_features
 from gsut.sfm.lens import search_lenses
-from gsut.sfm.mapping import Mapping
+from gsut.sfm.mapping import Mapping, PosesLog
 from gsut.sfm.matches import FEW_IMAGES, are_connected, explain_failure, require_overlap
 from gsut.sfm.rig import solve_rig
-from gsut.sfm.solution import measure_diagonal, solve_poses
+from gsut.sfm.solution import solve_poses
 from gsut.sfm.starts import (
     leave_out_contradicted,
-    measure_halves,
     register_left_out,
     try_other_starts,
 )
 
 
-def map_connected(mapping: Mapping) -> Mapping:
-    """Estimates poses and points, by learned features too where those of SIFT do not suffice.
+def map_connected(mapping: Mapping) -> Iterator[Mapping]:
+    """Yields the structure of SIFT, then that with learned features, in case the first is poor.
 
-    They leave images out, or either half of them gives a few images other poses. What fails though
-    all images are connected, as of a camera that only turned, more matches do not mend.
+    The second is the first one where it connects more images, and follows where up to FEW_IMAGES
+    photographs have as many. What fails though all images are connected, as of a camera that only
+    turned, more matches do not mend.
+
+    Raises:
+        SolveError: there is neither.
     """
     failure: SolveError | None = None
-    plain, absent, notes = mapping, np.ones(len(mapping.photographs), bool), mapping.log.notes
-    before = list(notes)
+    trial, plain = mapping.log.copy_quietly(), mapping
+    absent = np.ones(len(mapping.photographs), bool)
     try:
         plain = register_left_out(_map_photographs(mapping))
         absent = ~plain.solved.registered
@@ -39,37 +42,43 @@ def map_connected(mapping: Mapping) -> Mapping:
         if are_connected(mapping.pairs, len(absent)):
             raise
         failure = error
-    off = 0.0
-    if failure is None and len(absent) <= FEW_IMAGES and _measure_spread(plain, 1) > UNUSABLE:
-        off = _measure_spread(plain)  # one draw of the halves suffices where it is small
-    is_weak = off > UNUSABLE
+    count, is_few = np.count_nonzero(~absent), len(absent) <= FEW_IMAGES
     wanted = absent & np.array([len(each) > 0 for each in mapping.features])  # those that were read
-    more = add_learned_features(mapping, wanted) if is_weak or wanted.any() else None
-    if more is not None:
-        after, notes[:] = list(notes), before
-        with contextlib.suppress(SolveError):
-            joined = register_left_out(_map_photographs(more))
-            # Of a structure that took a wrong turn right images are contradicted.
-            joined = register_left_out(try_other_starts(joined))
-            joined = leave_out_contradicted(joined)
-            gained = joined.solved.num_registered - np.count_nonzero(~absent)
-            if gained > 0 or (is_weak and gained == 0 and _measure_spread(joined) < off):
-                found = np.flatnonzero(absent & joined.solved.registered)
-                names = [mapping.photographs.names[i] for i in found]
-                did = f"connected {list_some(names)}" if names else "hold the poses, SIFT's did not"
-                joined.log.note(f"learned features (XFeat) {did}")
-                noise = joined.solved.learned_noise
-                return joined.add_findings({"learned": names, "learned_noise": noise})
-        notes[:] = after
-    if failure is not None:
-        raise failure
-    return plain
+    joined = _map_learned(mapping, absent, wanted, trial) if wanted.any() else None
+    if joined is None or joined.solved.num_registered <= count:
+        if failure is not None:
+            raise failure
+        yield plain
+    if is_few and not wanted.any():
+        joined = _map_learned(mapping, absent, wanted, trial)
+    if joined is not None and joined.solved.num_registered > count - is_few:
+        yield joined
 
 
-def _measure_spread(mapping: Mapping, *most_draws: int) -> float:
-    """Measures by what share of the diagonal nine in ten pairs of images stay apart in halves."""
-    halves = measure_halves(mapping, *most_draws)
-    return 0.0 if halves is None else halves[0] / measure_diagonal(mapping.solved.cameras)
+def _map_learned(
+    mapping: Mapping, absent: np.ndarray, wanted: np.ndarray, log: PosesLog
+) -> Mapping | None:
+    """Estimates poses and points by learned features too; None if there are none, or that fails.
+
+    Args:
+        absent: (N,) bool, images that SIFT leaves out. wanted: those of them that could be read.
+        log: receives the notes.
+    """
+    more = add_learned_features(mapping, wanted)
+    if more is None:
+        return None
+    with contextlib.suppress(SolveError):
+        joined = register_left_out(_map_photographs(more.replace(log=log)))
+        # Of a structure that took a wrong turn right images are contradicted.
+        joined = register_left_out(try_other_starts(joined))
+        joined = leave_out_contradicted(joined)
+        found = np.flatnonzero(absent & joined.solved.registered)
+        names = [mapping.photographs.names[i] for i in found]
+        did = f"connected {list_some(names)}" if names else "hold the poses, SIFT's did not"
+        log.note(f"learned features (XFeat) {did}")
+        noise = joined.solved.learned_noise
+        return joined.add_findings({"learned": names, "learned_noise": noise})
+    return None
 
 
 def _map_photographs(mapping: Mapping) -> Mapping:

@@ -44,7 +44,7 @@ from gsut.sfm.photographs import (
     mask_fixed_pixels,
     require_central,
 )
-from gsut.sfm.report import is_finished, read_figures, write_poses
+from gsut.sfm.report import is_finished, rate_poses, read_figures, write_poses
 from gsut.sfm.rig import (
     adjust_rig_near_places,
     find_image_lines,
@@ -172,10 +172,37 @@ def run_mapping(
 def _map(mapping: Mapping) -> Mapping:
     """Finds poses, points and what is not known of lenses and shutter.
 
-    What each stage may change beside its findings is said behind it.
+    What a stage may change beside its findings is said behind it, here and in `_find_unknowns`.
     """
     require_motion(mapping)
-    mapping = map_connected(mapping)  # photographs' lenses, pairs, lens_free, solution; features
+    mapping = _choose_structure(mapping)
+    mapping = place_on_earth(mapping, adjust_rig_near_places)  # solution
+    mapping = place_by_control(mapping)  # solution, features
+    mapping = place_by_markers(mapping)  # solution
+    return _measure_agreement(mapping)
+
+
+def _choose_structure(mapping: Mapping) -> Mapping:
+    """Finds a structure, and where its poses are not good also one with learned features.
+
+    That is taken where as many images have a pose and the poses are rated better.
+    """
+    structures = map_connected(mapping)
+    best = _find_unknowns(next(structures))
+    rating = rate_poses(best)
+    for start in structures if rating else ():
+        with contextlib.suppress(SolveError):
+            rival = _find_unknowns(start)
+            is_whole = rival.solved.num_registered >= best.solved.num_registered
+            if is_whole and rate_poses(rival) < rating:
+                best = rival
+    if best.log is not mapping.log:
+        mapping.log.take_notes(best.log)
+    return best.replace(log=mapping.log)
+
+
+def _find_unknowns(mapping: Mapping) -> Mapping:
+    """Finds what the first structure leaves open."""
     mapping = correct_by_turns(mapping)  # pairs, solution, turns
     mapping = _separate_places(mapping)  # pairs, solution
     mapping = try_other_starts(mapping)  # solution
@@ -189,11 +216,7 @@ def _map(mapping: Mapping) -> Mapping:
     mapping = judge_lens(mapping)  # pairs, solution: where the focal length is stated
     mapping = find_lens_pair(mapping)  # lens_free, solution
     mapping = find_rig_shutter(mapping)  # solution
-    mapping = compare_halves(mapping)  # findings alone
-    mapping = place_on_earth(mapping, adjust_rig_near_places)  # solution
-    mapping = place_by_control(mapping)  # solution, features
-    mapping = place_by_markers(mapping)  # solution
-    return _measure_agreement(mapping)
+    return compare_halves(mapping)  # findings alone
 
 
 def _measure_agreement(mapping: Mapping) -> Mapping:

@@ -17,7 +17,8 @@ import tolerances
 from gsut import InputError, SolveError
 from gsut.cli import main
 from gsut.data.images import decode_image
-from gsut.sfm import PosesOptions, connection
+from gsut.judge.checks.check import DIAGONAL
+from gsut.sfm import PosesOptions, connection, pipeline
 from gsut.sfm.learned import add_learned_features, supplement
 from gsut.sfm.learned.attention import match_by_attention
 from gsut.sfm.learned.detection import detect_learned, find_keypoints, sample_descriptors
@@ -25,6 +26,7 @@ from gsut.sfm.learned.network import run_network
 from gsut.sfm.learned.weights import MATCHER, find_weights, read_weights
 from gsut.sfm.matches import RawMatches, match_images, verify_matches
 from gsut.sfm.photographs import DESCRIPTOR_SCALE, make_no_features
+from gsut.sfm.solution import measure_diagonal
 from synthetic_walk import Synthetic, quiet
 
 
@@ -167,26 +169,39 @@ def test_without_the_weights_a_note_names_the_command(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("halves", "is_used"),
+    ("errors", "is_used"),
     [
-        ((0.05, 0.05, 0.001), True),
-        ((0.05, 0.05, 0.06), False),
-        ((0.01,), False),
-        ((0.05, 0.01), False),
+        (((9.0, 4.0), (1.0, 0.5)), True),
+        (((9.0, 7.0), (8.0, 4.0)), True),
+        (((9.0, 4.0), (3.0, 1.0)), False),
+        (((1.0, 0.5),), False),
     ],
-    ids=["better", "worse", "not needed", "needed by the first draw alone"],
+    ids=["good", "usable", "not good", "not needed"],
 )
-def test_learned_features_join_where_sift_holds_poses_badly(halves, is_used, monkeypatch):
+def test_learned_features_join_where_poses_by_sift_are_not_good(errors, is_used, monkeypatch):
     scene = Synthetic(np.random.default_rng(1), points=200)
     mapping = scene.mapping(PosesOptions(), pairs=scene.verified()).add_findings({"lens": "known"})
-    measured = iter(halves)
-    monkeypatch.setattr(connection, "_measure_spread", lambda *_: next(measured))
+    pixel = measure_diagonal(mapping.photographs.lenses) / DIAGONAL
+    measured = iter(errors)
+
+    def find(run):
+        return run.add_findings(pose_errors_px=tuple(pixel * px for px in next(measured)))
+
+    monkeypatch.setattr(pipeline, "_find_unknowns", find)
     monkeypatch.setattr(connection, "add_learned_features", lambda run, absent: run)
-    found = connection.map_connected(mapping)
-    assert next(measured, None) is None
+    found = pipeline._choose_structure(mapping)
+    assert next(measured, None) is None and found.log is mapping.log
     assert found.solved.registered.all()
     assert ("learned" in found.found.figures) == is_used
     assert any("XFeat" in note for note in found.log.notes) == is_used
+
+
+def test_learned_features_are_not_tried_for_many_images_with_poses(monkeypatch):
+    scene = Synthetic(np.random.default_rng(1), points=200)
+    mapping = scene.mapping(PosesOptions(), pairs=scene.verified()).add_findings({"lens": "known"})
+    monkeypatch.setattr(connection, "FEW_IMAGES", len(mapping.photographs) - 1)
+    monkeypatch.setattr(connection, "add_learned_features", lambda *_: pytest.fail("tried"))
+    assert len(list(connection.map_connected(mapping))) == 1
 
 
 def test_learned_features_are_not_tried_where_sift_connects_images_that_have_no_poses(monkeypatch):
@@ -199,7 +214,7 @@ def test_learned_features_are_not_tried_where_sift_connects_images_that_have_no_
     monkeypatch.setattr(connection, "_map_photographs", fail)
     monkeypatch.setattr(connection, "add_learned_features", lambda *_: pytest.fail("tried"))
     with pytest.raises(SolveError, match="no parallax"):
-        connection.map_connected(mapping)
+        next(connection.map_connected(mapping))
 
 
 def test_learned_features_are_not_tried_for_an_image_that_could_not_be_read(monkeypatch):
@@ -209,7 +224,7 @@ def test_learned_features_are_not_tried_for_an_image_that_could_not_be_read(monk
     pairs = [pair for pair in mapping.pairs if pair.second < len(features) - 1]
     monkeypatch.setattr(connection, "register_left_out", lambda run: run)
     monkeypatch.setattr(connection, "add_learned_features", lambda *_: pytest.fail("tried"))
-    found = connection.map_connected(mapping.replace(features=features, pairs=pairs))
+    found = next(connection.map_connected(mapping.replace(features=features, pairs=pairs)))
     assert found.solved.registered.sum() == len(features) - 1
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable, Sequence
 
 from gsut.run import Stopwatch
@@ -43,6 +44,18 @@ class PosesLog:
     def keep(self, text: str) -> None:
         """Keeps a note for the report alone: nothing need be done about it."""
         self.notes.append(text)
+
+    def copy_quietly(self) -> PosesLog:
+        """Returns a log of a trial, whose notes are not reported."""
+        trial = copy.copy(self)
+        trial.notes, trial._on_note = list(self.notes), None
+        return trial
+
+    def take_notes(self, trial: PosesLog) -> None:
+        """Replaces the notes by those of a trial, and reports the new ones."""
+        kept, found = [note for note in trial.notes if note in self.notes], trial.notes
+        self.notes = kept
+        self.note(*(note for note in found if note not in kept))
 
     def show(self, stage: str, done: int, total: int, text: str) -> None:
         """Reports progress, which never falls within a stage even if its work starts again."""

@@ -7,13 +7,13 @@ import math
 from collections.abc import Sequence
 
 from gsut.data import list_some
-from gsut.judge.checks import PosesQuality, judge_poses
+from gsut.judge.checks import NOT_GOOD, UNUSABLE, PosesQuality, judge_poses
 from gsut.run import Verdict
 from gsut.sfm.lens import describe_cameras
 from gsut.sfm.mapping import Findings, Mapping
 from gsut.sfm.matches import measure_pictures
 from gsut.sfm.photographs import Features
-from gsut.sfm.solution import Solution
+from gsut.sfm.solution import Solution, measure_diagonal
 
 
 def judge_solution(solution: Solution, features: Sequence[Features], found: Findings) -> Verdict:
@@ -45,6 +45,13 @@ def judge_solution(solution: Solution, features: Sequence[Features], found: Find
             look_alikes="" if alike is None else alike.explain(),
         )
     )
+
+
+def rate_poses(mapping: Mapping) -> int:
+    """Rates poses by their probable errors, as the verdict does: 0: good, 1: usable, 2: poor."""
+    errors = mapping.found.pose_errors_px or (0.0, 0.0)
+    most, many = (px / measure_diagonal(mapping.solved.cameras) for px in errors)
+    return int(most > NOT_GOOD) + int(many > UNUSABLE)
 
 
 def list_notes(mapping: Mapping) -> list[str]:

@@ -32,12 +32,12 @@ def compare_halves(mapping: Mapping) -> Mapping:
     return mapping.add_findings(pose_errors_px=measure_halves(mapping))
 
 
-def measure_halves(mapping: Mapping, most_draws: int = _IMAGES_DRAWN) -> tuple[float, float] | None:
+def measure_halves(mapping: Mapping) -> tuple[float, float] | None:
     """Measures half of the difference of poses adjusted with either half of the points.
 
     It shows what points do not share: wrong matches, and too few of them to hold a pose. An error
     that they share, of the lens or the shutter, is in both; the lens, and velocities during a
-    readout, are held. Few images are dealt several times, at most `most_draws`.
+    readout, are held. Few images are dealt several times.
 
     Returns:
         Pixels that nine and six in ten pairs of images stay below, infinite where halves hold no
@@ -46,7 +46,7 @@ def measure_halves(mapping: Mapping, most_draws: int = _IMAGES_DRAWN) -> tuple[f
     solution = mapping.solved
     if mapping.rig is not None or not len(solution.points):
         return None
-    draws = min(-(-_IMAGES_DRAWN // int(np.count_nonzero(solution.registered))), most_draws)
+    draws = -(-_IMAGES_DRAWN // int(np.count_nonzero(solution.registered)))
     differences = np.concatenate([_draw_differences(mapping, seed) for seed in range(draws)])
     good, usable = 0.5 * np.quantile(differences, _SHARES, method="higher")
     return float(good), float(usable)
