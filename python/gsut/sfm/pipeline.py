@@ -185,7 +185,7 @@ def _map(mapping: Mapping) -> Mapping:
 def _choose_structure(mapping: Mapping) -> Mapping:
     """Finds a structure, and where its poses are not good also one with learned features.
 
-    That is taken where as many images have a pose and the poses are rated better.
+    That is taken where it has the same images (SIFT may refuse some) and its poses rate better.
     """
     structures = map_connected(mapping)
     best = _find_unknowns(next(structures))
@@ -193,8 +193,8 @@ def _choose_structure(mapping: Mapping) -> Mapping:
     for start in structures if rating else ():
         with contextlib.suppress(SolveError):
             rival = _find_unknowns(start)
-            is_whole = rival.solved.num_registered >= best.solved.num_registered
-            if is_whole and rate_poses(rival) < rating:
+            is_same = np.array_equal(rival.solved.registered, best.solved.registered)
+            if is_same and rate_poses(rival) < rating:
                 best = rival
     if best.log is not mapping.log:
         mapping.log.take_notes(best.log)
