@@ -36,7 +36,7 @@ def map_connected(mapping: Mapping) -> Iterator[Mapping]:
     trial, plain = mapping.log.copy_quietly(), mapping
     absent = np.ones(len(mapping.photographs), bool)
     try:
-        plain = register_left_out(_map_photographs(mapping))
+        plain = _map_by_best_start(mapping)
         absent = ~plain.solved.registered
     except SolveError as error:
         if are_connected(mapping.pairs, len(absent)):
@@ -68,10 +68,7 @@ def _map_learned(
     if more is None:
         return None
     with contextlib.suppress(SolveError):
-        joined = register_left_out(_map_photographs(more.replace(log=log)))
-        # Of a structure that took a wrong turn right images are contradicted.
-        joined = register_left_out(try_other_starts(joined))
-        joined = leave_out_contradicted(joined)
+        joined = leave_out_contradicted(_map_by_best_start(more.replace(log=log)))
         found = np.flatnonzero(absent & joined.solved.registered)
         names = [mapping.photographs.names[i] for i in found]
         did = f"connected {list_some(names)}" if names else "hold the poses, SIFT's did not"
@@ -79,6 +76,12 @@ def _map_learned(
         noise = joined.solved.learned_noise
         return joined.add_findings({"learned": names, "learned_noise": noise})
     return None
+
+
+def _map_by_best_start(mapping: Mapping) -> Mapping:
+    """Estimates poses and points, also from other starts, which may see images left out before."""
+    mapping = register_left_out(_map_photographs(mapping))
+    return register_left_out(try_other_starts(mapping))
 
 
 def _map_photographs(mapping: Mapping) -> Mapping:

@@ -203,10 +203,11 @@ def _choose_structure(mapping: Mapping) -> Mapping:
 
 def _find_unknowns(mapping: Mapping) -> Mapping:
     """Finds what the first structure leaves open."""
+    connected = mapping.solution
     mapping = correct_by_turns(mapping)  # pairs, solution, turns
     mapping = _separate_places(mapping)  # pairs, solution
-    mapping = try_other_starts(mapping)  # solution
-    mapping = register_left_out(mapping)  # pairs, solution: another start may see more of them
+    if mapping.solution is not connected:
+        mapping = register_left_out(try_other_starts(mapping))  # pairs, solution
     with contextlib.suppress(SolveError):  # too little would be left
         mapping = leave_out_contradicted(mapping)  # pairs, raw matches, solution
     mapping = find_shutter(mapping)  # solution
@@ -266,7 +267,6 @@ def start_mapping(
         InputError: see `find_poses`.
     """
     options = options or PosesOptions()
-    is_rolling = options.shutter == "rolling" or options.readout_time is not None
     if isinstance(camera, Rig):
         camera = camera.forget_lenses() if options.unknown_lens else camera
         photographs = find_rig_photographs(Path(images), camera)
@@ -282,7 +282,7 @@ def start_mapping(
         shutter, lines = find_image_lines(rig, photographs.rig_cameras)
     if options.shutter == "global":
         shutter, lines = None, None
-    if is_rolling:
+    if options.shutter == "rolling" or options.readout_time is not None:
         shutter = shutter or Shutter(options.readout_direction)
     return Mapping(photographs, options, log or PosesLog(), rig, shutter, lines)
 

@@ -217,6 +217,20 @@ def test_learned_features_are_not_tried_where_sift_connects_images_that_have_no_
         next(connection.map_connected(mapping))
 
 
+def test_learned_features_are_not_tried_where_another_start_connects_all_images(monkeypatch):
+    scene = Synthetic(np.random.default_rng(1), points=200)
+    mapping = scene.mapping(PosesOptions(), pairs=scene.verified()).add_findings({"lens": "known"})
+    whole = connection._map_photographs(mapping)
+    registered = whole.solved.registered.copy()
+    registered[-2:] = False
+    lost = whole.replace(solution=dataclasses.replace(whole.solved, registered=registered))
+    monkeypatch.setattr(connection, "_map_photographs", lambda _: lost)
+    monkeypatch.setattr(connection, "register_left_out", lambda run: run)
+    monkeypatch.setattr(connection, "try_other_starts", lambda _: whole)
+    monkeypatch.setattr(connection, "add_learned_features", lambda *_: pytest.fail("tried"))
+    assert next(connection.map_connected(mapping)) is whole
+
+
 def test_learned_features_are_not_tried_for_an_image_that_could_not_be_read(monkeypatch):
     scene = Synthetic(np.random.default_rng(1), points=200)
     mapping = scene.mapping(PosesOptions(), pairs=scene.verified()).add_findings({"lens": "known"})

@@ -128,3 +128,17 @@ def test_structure_inside_out_comes_back(flight, monkeypatch):
     assert measure_off(wrong) > 0.5
     run = try_other_starts(dataclasses.replace(flight, solution=wrong))
     assert measure_off(run.solved) < 0.02
+
+
+def test_structure_inside_out_that_comes_back_by_itself_is_adjusted_no_further(flight, monkeypatch):
+    monkeypatch.setattr(second_start, "MOST_IMAGES", 0)  # no other start
+    begun, adjust = [], second_start._adjust
+
+    def record(mapping, start, lens_free):
+        begun.append(start)
+        return adjust(mapping, start, lens_free)
+
+    monkeypatch.setattr(second_start, "_adjust", record)
+    monkeypatch.setattr(second_start, "_turn_inside_out", lambda solution: solution)
+    try_other_starts(flight)
+    assert len(begun) == 1

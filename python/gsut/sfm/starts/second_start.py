@@ -93,14 +93,20 @@ def _find_others(mapping: Mapping, still: Solution) -> Iterator[Solution]:
     halves would choose the same one. Before them the structure turned inside out.
     """
     few = keep_most_distinct(mapping.pairs)
+    limit = UNUSABLE * measure_diagonal(still.cameras)
+
+    def is_other(found: Solution) -> bool:
+        # Of which one pair in ten is farther off, no adjustment makes the same structure.
+        differences = measure_pose_differences(found, still, still)
+        return bool(np.quantile(differences, 0.9, method="higher") > limit)
+
     with contextlib.suppress(SolveError):
-        inside_out = mapping.adjust(Adjustment(covariances=False), _turn_inside_out(still), few)
-        if compare_solutions(still, inside_out, mapping.features, few).gain > 0:
-            yield inside_out
+        found = mapping.adjust(Adjustment(covariances=False), _turn_inside_out(still), few)
+        if is_other(found) and compare_solutions(still, found, mapping.features, few).gain > 0:
+            yield found
     if still.num_registered > MOST_IMAGES:
         return
     images = dataclasses.replace(mapping.images, cameras=still.cameras, shutter=None)
-    limit = UNUSABLE * measure_diagonal(still.cameras)
     begun = {still.initial_pair}
     for half in split_matches(mapping):
         others = [pair for pair in half if (pair.first, pair.second) not in begun]
@@ -112,9 +118,7 @@ def _find_others(mapping: Mapping, still: Solution) -> Iterator[Solution]:
         except SolveError:
             continue
         begun.add(found.initial_pair)
-        # Of which one pair in ten is farther off, no adjustment makes the same structure.
-        differences = measure_pose_differences(found, still, still)
-        if np.quantile(differences, 0.9, method="higher") > limit:
+        if is_other(found):
             yield found
 
 
