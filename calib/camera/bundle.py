@@ -20,14 +20,13 @@ from calib.camera.rigid import (
     transform_points,
 )
 from calib.errors import SolveError
-from gsut.least_squares import minimize_least_squares
+from gsut.least_squares import LEAST_GAIN, minimize_least_squares
 
 # params (K,), points (N, 3) -> pixels (N, 2), dpixel_dpoint (N, 2, 3), dpixel_dparams (N, 2, K);
 # NaN where the lens has no image of the point.
 Projector = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 _MOST_STEPS = 60  # of Levenberg-Marquardt; good starts need ten
-_LEAST_GAIN = 1e-12  # relative decrease of the cost below which a solve has converged
 
 
 @dataclass
@@ -223,7 +222,7 @@ def minimize(
         lambda at: linearize_at(at.tobytes())[0],
         lambda at: linearize_at(at.tobytes())[1:],
         max_steps=_MOST_STEPS,
-        least_gain=_LEAST_GAIN,
+        least_gain=LEAST_GAIN,
         apply=lambda at, step: state.unpack(at).move(step, layout).pack(),
     )
     return state.unpack(found)

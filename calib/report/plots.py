@@ -10,12 +10,11 @@ import numpy as np
 from calib.boards import Board
 from calib.camera import PIXEL_SHIFT, CameraSolution
 from calib.trust import TRUSTED_SIGMA_PX, Halves, Trust, trace_trusted_outline
-from gsut.page import Chart, ImageChart, Style, paint_values, plot_map, plot_residuals
+from gsut.page import RING_DEGREES, Chart, ImageChart, Style, paint_values, plot_map, plot_residuals
 
 _SIGMA_RANGE = (0.02, 20.0)  # pixels: ends of the colour scale of the uncertainty
 _HALVES_RANGE = (1e-3, 1.0)  # degrees: ends of the colour scale of the difference of two lenses
 _DOT = 5  # half pixels of a chart: side of a corner's dot
-_RING_DEGREES = 5.0  # width of the rings of field angle
 _BLUE = Style.SERIES[0]  # of residuals
 _RED = Style.SERIES[1]  # of outliers and means
 _GREEN = Style.SERIES[2]  # of the trusted field
@@ -64,7 +63,7 @@ def _draw_angles(camera: CameraSolution, trust: Trust, board: Board) -> Chart:
     )  # fmt: skip
     blue = np.tile(np.frombuffer(bytes.fromhex(_BLUE[1:]), np.uint8), (len(degrees), 1))
     chart.draw_points(degrees, length, blue, _DOT)
-    edges = np.arange(0, degrees.max() + _RING_DEGREES, _RING_DEGREES)
+    edges = np.arange(0, degrees.max() + RING_DEGREES, RING_DEGREES)
     for start, end in itertools.pairwise(edges):
         ring = (degrees >= start) & (degrees < end)
         if ring.any():

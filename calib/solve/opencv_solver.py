@@ -26,12 +26,12 @@ from calib.camera import (
     transform_points,
 )
 from calib.errors import MisfitError, SolveError
+from gsut.least_squares import ROUNDS
 
 OPENCV_LENSES = ("fisheye", "opencv4", "opencv8")
 # First guesses of the focal length over the width: fisheyes of 180 degrees and more, down to tele.
 _FOCAL_GUESSES = (1 / np.pi, 0.25, 0.5, 0.8, 1.2, 2.5)
 _STOP = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 200, 1e-10)  # steps, relative change
-_MOST_ROUNDS = 10  # of rejecting outliers and solving again; a few suffice
 _GOOD_START_PX = 2.0  # RMS with all corners above which a start has found a wrong minimum
 _LEAST_FITTING = 0.5  # share of a board's corners; below it the board's pose is wrong
 _PARTS = (0.8, 0.6, 0.4, 0.25)  # of the boards, innermost first, to try if all together fail
@@ -61,7 +61,7 @@ def solve_by_opencv(photographs: Sequence[Photograph], board: Board, lens: str) 
     size = (first.width, first.height)
     keep = np.ones(observed.shape[:2], bool)
     guess = None
-    for _ in range(_MOST_ROUNDS):
+    for _ in range(ROUNDS):
         params, poses = _fit(observed, keep, board, size, lens, guess)
         guess = params
         params, poses, warp = _solve_with_warp(params, poses, observed, keep, board, lens, size)

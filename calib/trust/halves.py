@@ -19,12 +19,10 @@ from calib.camera import (
 from calib.errors import SolveError
 from calib.trust.trust import measure_field_angle
 from calib.trust.uncertainty import spread_pixels
-from gsut.least_squares import minimize_least_squares
+from gsut.least_squares import LEAST_GAIN, ROUNDS, minimize_least_squares
 
 AGREEMENT_DEGREES = 0.3  # between the rays of two good lenses of one camera
 _FEWEST_RAYS = 3  # that determine a rotation safely
-_MOST_STEPS = 8  # of a fit, which starts within millimetres
-_LEAST_GAIN = 1e-9  # relative decrease of the squares below which a fit has converged
 _SCAN = np.radians(1.0)  # between the angles to try
 
 
@@ -148,8 +146,8 @@ def _align_points(points: np.ndarray, directions: np.ndarray) -> np.ndarray:
         np.concatenate([rodrigues_from_matrix(turn), np.zeros(3)]),
         lambda motion: np.sum((move_points(motion)[0] - directions) ** 2),
         linearize,
-        max_steps=_MOST_STEPS,
-        least_gain=_LEAST_GAIN,
+        max_steps=ROUNDS,
+        least_gain=LEAST_GAIN,
         apply=lambda motion, step: compose(step, motion),
     )
     return move_points(motion)[0]

@@ -7,6 +7,9 @@ from typing import Any
 
 import numpy as np
 
+# Rounds of reweighting, or of steps that need no damping: both have settled by then.
+ROUNDS = 6
+LEAST_GAIN = 1e-9  # relative decrease of the cost in a step below which a fit has converged
 # First damping, relative to the diagonal of the normal equations: close to a Gauss-Newton step.
 _FIRST = 1e-4
 # Factors by which the damping falls after a better step and rises after a worse one. They differ,

@@ -8,6 +8,8 @@ from typing import TypeVar
 import numpy as np
 
 ENOUGH_SAMPLES = 20_000  # for a median, or a share to a percent: more take longer
+MAJORITY = 0.5  # share from which most agree, or are the same
+FEWEST_SAMPLES = 30  # of which a median is trusted
 ENOUGH_PICTURES = 16  # that show what all pictures of a camera or a scene have in common
 
 _T = TypeVar("_T")

@@ -15,9 +15,7 @@ from gsut.blocks.workers import write_state
 from gsut.formats import save_ply_parts
 from gsut.gaussians import Gaussians, StoredGaussians, merge_gaussians
 from gsut.run import read_checkpoint
-
-# Gaussians of a sample: enough for a map and for the place of a file.
-_DOTS = 20_000
+from gsut.sampling import ENOUGH_SAMPLES
 
 
 class BlockStore:
@@ -109,7 +107,7 @@ class BlockStore:
 
     def sample(self, turn: int) -> tuple[Gaussians, np.ndarray]:
         """Returns about 20,000 Gaussians, spread evenly, and their blocks."""
-        parts, owners, step = [], [], -(-sum(self.count_gaussians(turn)) // _DOTS) or 1
+        parts, owners, step = [], [], -(-sum(self.count_gaussians(turn)) // ENOUGH_SAMPLES) or 1
         for block in range(len(self._layout)):
             parts.append(self.read_gaussians(block, turn)[::step].copy())
             owners.append(np.full(len(parts[-1]), block))

@@ -31,6 +31,7 @@ from gsut.capture.video import Decode, Video
 from gsut.data import CAPTURE, list_some, read_capture
 from gsut.data.scene import capture_state, describe_changes
 from gsut.files import write_json, write_picture
+from gsut.judge.checks import MANY
 
 OnProgress = Callable[[str, int, int, str], None]
 # Folder of the frames, beside capture.json.
@@ -43,8 +44,6 @@ _STILL = 0.01
 _CUT_OFF = 0.98
 # Digits of the numbers in names.
 _FEWEST_DIGITS = 5
-# Share of blurred frames from which a note warns.
-_MANY_BLURRED = 0.25
 # Quality of written JPEG files: compression then changes features less than noise does.
 JPEG_QUALITY = 97
 # Seconds between frames that are looked at: faster videos show nothing new. By their time stamps,
@@ -143,7 +142,7 @@ def extract_frames(
     ups = average_ups(facts.forces if beside is None else facts.forces[:0], times)
     up_key = "sensor_up" if facts.is_askew else "up"
     unsharp = find_blurred(chosen)
-    if unsharp.mean() > _MANY_BLURRED:
+    if unsharp.mean() > MANY:
         notes.append(
             f"{unsharp.sum()} of the {len(chosen)} frames chosen are blurred: move more slowly, or "
             "film with more light or a shorter shutter time"

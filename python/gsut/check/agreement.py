@@ -14,7 +14,6 @@ from gsut.data import Scene
 from gsut.judge import SURE
 
 _SHUFFLES = 4  # of each pair: their mean is what chance explains
-_HALF = 0.5  # of what free poses explain: right poses explain all of it, wrong ones nothing
 _CLOSED = 5.0  # degrees that three turns around a triple may miss: several errors of a turn
 _REPEATED = 0.3  # of the pairs of right poses, that repeated things make contradict, at most
 _RARE = 0.01  # chance of as many contradictions, below which the poses are wrong
@@ -42,7 +41,8 @@ class PairVerdict:
     @property
     def _explains(self) -> bool:
         by_any = self.free - self.free_by_chance
-        return self.given - self.given_by_chance >= _HALF * by_any
+        # Right poses explain all of what any explain, wrong ones nothing.
+        return self.given - self.given_by_chance >= by_any / 2
 
     @property
     def shows_turn(self) -> bool:

@@ -8,16 +8,14 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.check.findings import Finding
-from gsut.check.samples import FEWEST
 from gsut.data import Scene, list_some
 from gsut.data.scene import find_visible_points
 from gsut.run import Progress
-from gsut.sampling import choose_evenly
+from gsut.sampling import FEWEST_SAMPLES, choose_evenly
 
 EXPECTED_R = 0.5  # correlation; good real data reach 0.7 to 0.95
 _STOPS = 0.7  # photographic stops by which a view may be brighter or darker than the others
-_LEAST_VIEW_R = 0.25  # correlation below which a single view is suspect if the others are good
-_ORDER_GAIN = 0.03  # correlation gained by another order of colours that is worth a warning
+COLOR_GAIN = 0.1  # of the correlation, by another order of colours, unit or axes of the points
 
 _Colors = np.ndarray  # (2, N, 3) of points, and of the pixels that show them
 
@@ -29,7 +27,7 @@ def check_colors(scene: Scene, *, progress: bool = True) -> Iterator[Finding]:
         scene: at full size, with coloured points; yields nothing otherwise.
         progress: show a bar.
     """
-    if len(scene.points) < FEWEST or np.ptp(scene.point_colors) == 0:
+    if len(scene.points) < FEWEST_SAMPLES or np.ptp(scene.point_colors) == 0:
         return
     views = Progress(progress).iterate("colours", choose_evenly(range(len(scene))))
     seen = {view: each for view in views if (each := _see_points(scene, view)) is not None}
@@ -53,7 +51,7 @@ def check_colors(scene: Scene, *, progress: bool = True) -> Iterator[Finding]:
         )  # fmt: skip
         return
     yield Finding("info", where, f"colours of the points agree with the pixels at r = {agreed:.2f}")
-    bad = [view for view, r in per_view.items() if r < _LEAST_VIEW_R]
+    bad = [view for view, r in per_view.items() if r < EXPECTED_R / 2]
     if bad:
         names = list_some([f"{scene.views[view].name} ({per_view[view]:.2f})" for view in bad])
         what = f"{len(bad)} views disagree with the points' colours: {names}"
@@ -66,7 +64,7 @@ def _check_channels(scene: Scene, seen: Mapping[int, _Colors], agreed: float) ->
     """Checks whether the colours agree better with red and blue swapped (OpenCV's BGR)."""
     swapped = [_correlate(np.stack([point[:, ::-1], pixel])) for point, pixel in seen.values()]
     value = float(np.median([r for r in swapped if r is not None] or [-1.0]))
-    if value > agreed + _ORDER_GAIN:
+    if value > agreed + COLOR_GAIN:
         yield Finding(
             "warning",
             str(scene.path),
@@ -119,7 +117,7 @@ def _see_points(scene: Scene, index: int) -> _Colors | None:
         rows, places, _ = find_visible_points(scene, index, scene.points)
     except InputError:
         return None
-    if len(rows) < FEWEST:
+    if len(rows) < FEWEST_SAMPLES:
         return None
     x, y = (places * image.shape[1::-1]).astype(int).T
     return np.stack([scene.point_colors[rows], image[y, x]]).astype(np.float64)

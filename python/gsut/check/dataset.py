@@ -12,7 +12,7 @@ from gsut.check.depths import check_depths
 from gsut.check.evidence import gather_evidence
 from gsut.check.findings import Finding, finding_from_error, has_errors, sort_findings
 from gsut.check.geometry import check_lenses, check_points, check_poses
-from gsut.check.images import check_bits, check_images, check_seams
+from gsut.check.images import check_bits, check_images
 from gsut.check.masks import check_masks
 from gsut.check.matches import ImagePair
 from gsut.check.memory import check_memory
@@ -33,7 +33,7 @@ def check_scene(scene: Scene, matches: list[ImagePair] | None = None) -> list[Fi
         Findings, errors first.
     """
     findings = [*check_lenses(scene), *check_poses(scene), *check_points(scene)]
-    findings += [*check_bits(scene), *check_seams(scene), *check_masks(scene)]
+    findings += [*check_bits(scene), *check_masks(scene)]
     return sort_findings([*findings, *check_against_photographs(scene, True, matches)])
 
 
@@ -107,7 +107,6 @@ def _diagnose_scene(scene: Scene, progress: bool) -> list[Finding]:
         *check_poses(scene),
         *check_points(scene),
         *check_masks(scene),
-        *check_seams(scene),
         *check_images(scene, progress=progress),
         *(
             Finding("warning", where, str(error), "training stops there: mend it, or leave it out")

@@ -9,16 +9,12 @@ import numpy as np
 from gsut._core import InputError
 from gsut.check.evidence import Evidence, gather_evidence
 from gsut.check.findings import Finding
-from gsut.check.samples import FEWEST
 from gsut.data import Scene
 from gsut.data.scene import find_visible_points, read_depth
-from gsut.sampling import choose_evenly
+from gsut.sampling import FEWEST_SAMPLES, choose_evenly
 
-_NEAR_AXIS = 0.97  # cosine to the axis above which z and distance differ too little to decide
 _AGREES = 0.02  # median relative difference below which files agree with points
-_OTHER_UNIT = 1.5  # factor beyond which depths are in another unit, not just inexact
-_FITS = 0.25  # median relative difference below which a kind of depth explains the files
-_UNRELATED = 0.5  # likewise, beyond which no kind does
+_UNRELATED = 0.5  # likewise, beyond which they agree as no kind of depth
 _KINDS = (  # what files may hold: words, power of the distance, power of the cosine to the axis
     ("distances along the rays", 1, 0),
     ("z along the camera's axis", 1, 1),
@@ -44,11 +40,11 @@ def check_depths(scene: Scene, evidence: Evidence | None = None) -> list[Finding
         A warning that says in which unit, or as what, the files would agree, or nothing.
     """
     others, samples = "the points", [*_sample_points(scene)]
-    if sum(len(each[0]) for each in samples) < FEWEST:
+    if sum(len(each[0]) for each in samples) < FEWEST_SAMPLES:
         evidence = gather_evidence(scene) if evidence is None else evidence
         if evidence is not None:
             others, samples = "the matches of the photographs", [*_sample_matches(scene, evidence)]
-    if sum(len(each[0]) for each in samples) < FEWEST:
+    if sum(len(each[0]) for each in samples) < FEWEST_SAMPLES:
         return []
     depth, distance, cosine = np.log(np.concatenate([np.stack(each) for each in samples], axis=1))
     offs = [depth - power * distance - tilt * cosine for _, power, tilt in _KINDS]
@@ -57,28 +53,23 @@ def check_depths(scene: Scene, evidence: Evidence | None = None) -> list[Finding
         float(np.median(np.abs(off - scale))) for off, scale in zip(offs, scales, strict=True)
     ]
     best = int(np.argmin(errors))
-    kind, power, _ = _KINDS[best]
     if errors[best] > _UNRELATED:
         what = f"depth files do not agree with {others}, in any unit: the median differs by a "
         what += f"factor of {np.exp(errors[best]):.2g}"
         return [_warn(scene, what, _ADVICE + "check that they are of these images and poses")]
-    factor = float(np.exp(scales[best]))
-    if errors[best] < _FITS and (power < 0 or abs(scales[best]) > np.log(_OTHER_UNIT)):
-        what = f"depth files agree with {others} as {kind} times {factor:.3g}"
-        return [
-            _warn(
-                scene, what, _ADVICE + 'state "depth_unit" in transforms.json, or convert the files'
-            )
-        ]
-    off_axis = np.exp(cosine) < _NEAR_AXIS
-    if np.count_nonzero(off_axis) < FEWEST:
+    given, *others_off = (float(np.median(np.abs(off))) for off in offs)
+    most = given / 2  # of what is named in its place
+    if given < _AGREES:
         return []
-    given, *others_off = (float(np.median(np.abs(off[off_axis]))) for off in offs)
-    return [
-        _warn(scene, f"depth files agree with {others} as {_KINDS[kind][0]}", _ADVICE + cure)
-        for kind, cure in _CURES.items()
-        if others_off[kind - 1] < _AGREES < given
-    ]
+    for kind, cure in _CURES.items():
+        if others_off[kind - 1] < most:
+            what = f"depth files agree with {others} as {_KINDS[kind][0]}"
+            return [_warn(scene, what, _ADVICE + cure)]
+    if errors[best] > most:
+        return []
+    what = f"depth files agree with {others} as {_KINDS[best][0]} times {np.exp(scales[best]):.3g}"
+    cure = 'state "depth_unit" in transforms.json, or convert the files'
+    return [_warn(scene, what, _ADVICE + cure)]
 
 
 def _warn(scene: Scene, what: str, advice: str) -> Finding:

@@ -27,12 +27,10 @@ from gsut.judge import (
 )
 from gsut.lens import Camera
 
-_FEWEST_PAIRS = 2  # pairs of photographs: one alone may be an exception
 _FEWEST_SHARED = 6  # features that three images share, from which their scales are compared
 _SAMPLE = 800  # matches, and shared features, by which hypotheses are tried: enough to choose
 _FITTING = 0.5  # share of right matches, before anything is known of it
 _NOISE = 1.5e-3  # of the diagonal: about a pixel of the small images that features are sought in
-_PARALLAX = 5.0  # times the tolerance: rays less apart give no distance worth comparing
 _STEP_PX = 0.01  # of differences between rays: small beside a pixel, large beside rounding
 
 
@@ -190,7 +188,7 @@ class Evidence:
         rays, density = self._rays_of_data
         distance, sine = triangulate_distances(rays, self._poses)
         good = self.measure_errors(self.given)[: len(self)] < self.tolerance
-        good &= sine * density[0] > _PARALLAX * self.tolerance
+        good &= sine * density[0] > SURE * self.tolerance
         good &= np.isfinite(distance).all(axis=0)
         return distance, good
 
@@ -233,7 +231,7 @@ def gather_evidence(scene: Scene, pairs: list[ImagePair] | None = None) -> Evide
         pairs: from `match_neighbours`, if already computed.
     """
     pairs = match_neighbours(scene) if pairs is None else pairs
-    if len(pairs) < _FEWEST_PAIRS:
+    if len(pairs) < 2:  # one alone may be an exception
         return None
     shared, triples = _find_shared(scene, pairs)
     camera = scene.cameras[0]

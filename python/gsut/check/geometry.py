@@ -7,15 +7,13 @@ from collections.abc import Iterator
 import numpy as np
 
 from gsut.check.findings import Finding, make_reporters
-from gsut.check.samples import FEWEST, SIDE
+from gsut.check.samples import SIDE
 from gsut.data import Scene, list_some
 from gsut.data.points import UNCOLORED, has_colors
-from gsut.sampling import ENOUGH_SAMPLES
+from gsut.sampling import ENOUGH_SAMPLES, FEWEST_SAMPLES
 
-_NO_RAY_MUCH = 0.4  # share of pixels; a 180-degree circle in a square image leaves 0.21
 _NARROWEST = 1.0  # degrees off the axis, which the longest photographic lenses see
 _SAME_PLACE = 1e-6  # of the extent: cameras this near are at one place
-_LEAST_SPREAD = 1e-3  # of the extent: what is so small beside a path, no photograph shows
 _POSSIBLE_EXTENTS = (1e-4, 1e5)  # units; others come of a mistake
 _POINT_SPREAD_RANGE = (0.05, 100.0)  # median distance of the points over the extent
 
@@ -44,16 +42,11 @@ def check_lenses(scene: Scene) -> Iterator[Finding]:
                 "no photographic lens sees so little: check focal length, distortion, width and "
                 "height",
             )
-        if blind > _NO_RAY_MUCH:
-            yield warn(
-                f"{blind:.1%} of the pixels have no ray (the lens model ends at {limit:.1f}"
-                " degrees) and are not trained on",
-                "if these pixels show the scene, calibrate with a model for this field of view",
-            )
-        elif blind > 0:
+        if blind > 0:
             yield inform(
                 f"{blind:.1%} of the pixels have no ray (the lens model ends at {limit:.1f}"
-                f" degrees) and are masked; {widest}"
+                f" degrees) and are masked; {widest}",
+                "if these pixels show the scene, calibrate with a model for this field of view",
             )
         else:
             yield inform(f"every pixel has a ray; {widest}")
@@ -145,7 +138,7 @@ def check_points(scene: Scene) -> Iterator[Finding]:
             " poses",
         )
         return
-    if count < FEWEST:
+    if count < FEWEST_SAMPLES:
         yield warn(f"only {count} points", "`gsut depth` gives a denser cloud")
     if not has_colors(scene):
         yield inform(UNCOLORED)
@@ -164,16 +157,16 @@ def check_points(scene: Scene) -> Iterator[Finding]:
             "the poses may be world-to-camera or use other axes: compare with the format's"
             " description; or points and poses are of different models or scales",
         )
-    few = [scene.views[i].name for i in np.flatnonzero(per_view * count < FEWEST)]
+    few = [scene.views[i].name for i in np.flatnonzero(per_view * count < FEWEST_SAMPLES)]
     if few and seen.any():
         yield inform(
-            f"{len(few)} views see fewer than {FEWEST} points: {list_some(few)}",
+            f"{len(few)} views see fewer than {FEWEST_SAMPLES} points: {list_some(few)}",
             "they look away from the points, or their poses are wrong",
         )
     center = np.mean([view.camera_center for view in scene.views], axis=0)
     spread = float(np.median(np.linalg.norm(scene.points - center, axis=1))) / scene.extent
     if not _POINT_SPREAD_RANGE[0] < spread < _POINT_SPREAD_RANGE[1]:
-        yield (warn if spread < _LEAST_SPREAD else inform)(
+        yield inform(
             f"the points' median distance is {spread:.3g} x the cameras' extent",
             "usual for cameras that turn on the spot; otherwise points and poses may have "
             "different units",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Iterator
 
 import numpy as np
@@ -13,18 +14,13 @@ from gsut.check.samples import SIDE
 from gsut.data import Scene, list_some
 from gsut.data.images import find_largest_value, shrink_mask
 from gsut.run import Progress
-from gsut.sampling import choose_evenly
+from gsut.sampling import MAJORITY, choose_evenly
 
 _THUMB = 32  # pixels a side of a thumbnail: enough to distinguish two frames of a film
 _BLURRY = 0.3  # share of the dataset's median sharpness below which an image counts as blurred
 _SATURATED = 0.1  # share of over-exposed pixels from which detail is lost
 _OVER_EXPOSED = 254  # grey level in all channels; JPEG turns 255 into this
-_BLACK = 0.5  # share of black pixels from which an image shows too little
 _DARKEST = 2  # grey level up to which a pixel counts as black; JPEG turns 0 into this
-_REPEATED = 0.3  # grey levels RMS between the thumbnails of two copies of a picture
-_SURELY_BITS = 12  # of 16: a photograph this dark, a 16th of the range, was not meant to be
-_NOISE = 2.0  # grey levels between neighbouring pixels of an even surface
-_NO_SEAM = 4.0  # differences across the edges over those beside them; 1 in panoramas
 _MASKED_MOST = 0.9  # share of masked pixels from which a mask may be inverted
 
 
@@ -38,7 +34,7 @@ class ImageStats:
     saturated: float  # share of valid pixels at the top in all channels
     black: float
     valid: float  # share of unmasked pixels
-    thumb: np.ndarray  # (_THUMB * _THUMB,) grey
+    thumb: np.ndarray  # (_THUMB, _THUMB) grey
 
 
 def check_bits(scene: Scene) -> Iterator[Finding]:
@@ -56,36 +52,12 @@ def check_bits(scene: Scene) -> Iterator[Finding]:
     if bits is None:
         return
     yield Finding(
-        "warning" if bits > _SURELY_BITS else "error",
+        "error",
         str(scene.path),
         f"the pictures have 16 bits a channel and values of up to {largest} of 65535: do they hold "
         f"{bits} bits?",
         f"multiply their values by {2 ** (16 - bits)}, or write them with 8 bits",
     )
-
-
-def check_seams(scene: Scene) -> Iterator[Finding]:
-    """Checks whether the left and right edges of panoramas meet; decodes some of them."""
-    views = [k for k in range(len(scene)) if scene.camera(k).model == "equirectangular"]
-    ratios = []
-    for view in choose_evenly(views):
-        try:
-            pixels, mask = scene.image(view).astype(np.float32), scene.mask(view)
-        except InputError:  # reported by the other checks
-            continue
-        rows = mask[:, [0, 1, -2, -1]].all(axis=1)
-        first, second, before, last = (pixels[rows, column] for column in (0, 1, -2, -1))
-        if rows.any():
-            beside = np.abs(first - second).mean() + np.abs(last - before).mean()
-            ratios.append(float(np.abs(first - last).mean() / (beside + _NOISE)))
-    if ratios and np.median(ratios) > _NO_SEAM:
-        yield Finding(
-            "warning",
-            str(scene.path),
-            "the left and right edges of the pictures do not meet, as those of 360-degree "
-            f"panoramas do: they differ {np.median(ratios):.1f} times as much as their neighbours",
-            "equirectangular pictures see 360 x 180 degrees: name the lens that took these",
-        )
 
 
 def check_images(scene: Scene, *, progress: bool = True) -> Iterator[Finding]:
@@ -138,7 +110,7 @@ def _measure_image(scene: Scene, index: int) -> ImageStats:
         float(bright[mask].mean()) if mask.any() else 0.0,
         float((inside <= _DARKEST).mean()),
         float(mask.mean()),
-        thumb.astype(np.float32).ravel(),
+        thumb,
     )
 
 
@@ -158,8 +130,8 @@ def _find_outliers(stats: list[ImageStats], names: list[str], where: str) -> Ite
             "expose for the bright parts",
         ),
         (
-            np.array([s.black for s in stats]) > _BLACK,
-            f"more than {_BLACK:.0%} of the valid pixels are black",
+            np.array([s.black for s in stats]) > MAJORITY,
+            f"more than {MAJORITY:.0%} of the valid pixels are black",
             "mask areas that show nothing, or check the exposure",
         ),
         (
@@ -185,16 +157,10 @@ def _find_outliers(stats: list[ImageStats], names: list[str], where: str) -> Ite
 
 def _find_repeats(scene: Scene, stats: list[ImageStats]) -> Iterator[Finding]:
     """Names files with the same picture, and whether training and test share one."""
-    thumbs = np.array([s.thumb for s in stats])
-    squares = (thumbs**2).mean(axis=1)
-    pairs = []
-    for row in range(len(stats) - 1):
-        cross = thumbs[row + 1 :] @ thumbs[row] / thumbs.shape[1]
-        rms2 = squares[row] + squares[row + 1 :] - 2 * cross
-        for other in np.flatnonzero(rms2 < _REPEATED**2) + row + 1:
-            # the product form above loses digits: look again
-            if np.sqrt(np.mean((thumbs[row] - thumbs[other]) ** 2)) < _REPEATED:
-                pairs.append((stats[row].index, stats[other].index))
+    same: dict[bytes, list[int]] = {}
+    for each in stats:
+        same.setdefault(each.thumb.tobytes(), []).append(each.index)
+    pairs = [pair for indices in same.values() for pair in itertools.combinations(indices, 2)]
     if not pairs:
         return
     split = set(scene.test_indices)

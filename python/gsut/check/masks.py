@@ -11,9 +11,7 @@ from gsut.check.findings import Finding
 from gsut.check.samples import SIDE
 from gsut.data import Scene
 from gsut.data.images import decode_mask, shrink_image, shrink_mask
-from gsut.sampling import choose_evenly
-
-_MOST = 0.5  # share of the pixels from which a mask may be inverted
+from gsut.sampling import MAJORITY, choose_evenly
 
 
 def check_masks(scene: Scene) -> Iterator[Finding]:
@@ -39,7 +37,7 @@ def check_masks(scene: Scene) -> Iterator[Finding]:
             "masks are white where the picture counts and black elsewhere: are they in another "
             "channel, or all white?",
         )  # fmt: skip
-    elif share > _MOST and np.median(details) > 1:
+    elif share > MAJORITY and np.median(details) > 1:
         yield Finding(
             "warning", where, f"{said}, with more detail than the rest",
             "masks are white where the picture counts: are they inverted?",

@@ -16,7 +16,7 @@ from gsut.gaussians.quaternions import (
     quaternion_from_rotation,
     rotations_from_quaternions,
 )
-from gsut.gaussians.seeding import choose_points, seed_from_points, seed_in_view
+from gsut.gaussians.seeding import COLOR_ROUNDING, choose_points, seed_from_points, seed_in_view
 from gsut.gaussians.similarity import rotate_upright, transform_gaussians
 from gsut.gaussians.stored import (
     StoredGaussians,

@@ -13,8 +13,8 @@ from gsut.gaussians.arrays import Gaussians
 
 # Highest degree of harmonics that a scene may have.
 _MAX_SH_DEGREE = 3
-# How far colours may leave [0, 1]: half a level of 8 bits, as interpolation does.
-_COLOR_ROUNDING = 0.5 / 255
+# Half a level of 8 bits, of [0, 1]: how far rounding and interpolation move a colour.
+COLOR_ROUNDING = 0.5 / 255
 
 
 @name_wrong_kinds
@@ -63,7 +63,7 @@ def seed_from_points(
         colors = colors / 255.0
     elif not np.issubdtype(colors.dtype, np.floating):
         raise InputError(f"colors must be uint8 or floating point, found {colors.dtype}")
-    elif colors.size and np.abs(colors - 0.5).max() > 0.5 + _COLOR_ROUNDING:
+    elif colors.size and np.abs(colors - 0.5).max() > 0.5 + COLOR_ROUNDING:
         raise InputError(
             f"floating-point colors must be in [0, 1], found {colors.min():g} to {colors.max():g}; "
             "give those of 0 to 255 as uint8"

@@ -13,6 +13,7 @@ from gsut.judge.hypotheses import Dataset, Hypothesis, Variant, find_best_varian
 from gsut.judge.lens_errors import LENS_ERRORS
 from gsut.judge.path_errors import PATH_ERRORS
 from gsut.judge.preference import (
+    KEPT,
     LEAST_NOISE,
     MEDIAN_DEVIATION,
     SURE,
@@ -30,6 +31,7 @@ HYPOTHESES = (*READINGS, *LENS_ERRORS, *PATH_ERRORS)
 
 __all__ = [
     "HYPOTHESES",
+    "KEPT",
     "LEAST_NOISE",
     "MEDIAN_DEVIATION",
     "MOMENTS",

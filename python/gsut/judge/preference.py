@@ -20,6 +20,7 @@ from gsut.significance import convert_to_normal
 # Standard deviations of its gain, as rare as in a normal law, from which a rival wins: the one
 # limit of all choices.
 SURE = 3.0
+KEPT = 0.9  # share of the images or points of a solution that one in its place must have
 _ROUNDS = 20  # of expectation and maximization, which settle in about ten
 MEDIAN_DEVIATION = 1.4826  # standard deviation of a normal law, in median absolute deviations
 LEAST_NOISE = 0.01  # pixels: no feature is found better

@@ -11,7 +11,7 @@ import numpy as np
 from gsut import _core
 from gsut._core import InputError
 from gsut.bounds import MOST_WHOLE
-from gsut.least_squares import minimize_least_squares
+from gsut.least_squares import LEAST_GAIN, minimize_least_squares
 from gsut.lens.camera import Camera, camera_models
 from gsut.lens.fit_spline import fit_spline
 
@@ -19,7 +19,6 @@ CONTROL_COLUMNS = 16  # control points across the image, of a splined lens
 _MOST_PARAMS = 64
 _MAX_STEPS = 300
 _STEPS_WIDENING = 60  # while the field still widens
-_LEAST_GAIN = 1e-9  # of the cost in a step, below which the search ends
 _GOOD_PX = 1e-4  # root mean square with which no other start is tried
 _GAIN_WIDENING = 1e-6  # the same while the field still widens: where the next one starts
 
@@ -130,7 +129,7 @@ def _widen(
         near = angles <= max(share * angles.max(), np.sort(angles)[min(60, len(angles) - 1)])
         part = dataclasses.replace(target, points=target.points[near], pixels=target.pixels[near])
         enough = _find_enough(part)
-        ends = (_MAX_STEPS, _LEAST_GAIN, 0.0)
+        ends = (_MAX_STEPS, LEAST_GAIN, 0.0)
         if share < 1.0:
             ends = (_STEPS_WIDENING, _GAIN_WIDENING, enough)
         cost = math.inf

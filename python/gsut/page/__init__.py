@@ -11,4 +11,4 @@ from gsut.page.page import (
     paint_values,
     render_template,
 )
-from gsut.page.plots import ImageChart, plot_map, plot_residuals
+from gsut.page.plots import RING_DEGREES, ImageChart, plot_map, plot_residuals

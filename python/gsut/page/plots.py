@@ -12,6 +12,7 @@ from gsut.page.page import paint_values
 _TALLEST = 520.0  # the most height of an area that shows an image
 _SCALE = (130, 9)  # width and height of the colours below a map
 _ARROW_SHARE = 0.05  # of the image's width: length of the line of a 99-percentile residual
+RING_DEGREES = 5.0  # width of the rings of field angle in which residuals are summarized
 
 
 class ImageChart(Chart):

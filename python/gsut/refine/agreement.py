@@ -11,9 +11,10 @@ import cv2
 import numpy as np
 
 from gsut.data.images import shrink_image, shrink_mask
+from gsut.sampling import ENOUGH_SAMPLES
 
 # Pixels that are compared, about: a pose is found by this number, too.
-COMPARED_PIXELS = 20_000
+COMPARED_PIXELS = ENOUGH_SAMPLES
 # Parts along the side of a square of as many pixels as count.
 _PARTS = 8
 # Side of a part in pixels, at least: fewer are alike in many places.

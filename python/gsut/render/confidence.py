@@ -12,7 +12,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.files import Array, read_npz, register_reader, write_npz
-from gsut.gaussians import StoredGaussians
+from gsut.gaussians import COLOR_ROUNDING, StoredGaussians
 
 # Share of pixels whose difference one sigma bounds, as that of a normal distribution does.
 _ONE_SIGMA = 0.68
@@ -22,8 +22,6 @@ _SIGMA = _LEVELS.index(_ONE_SIGMA)
 # Factors where no view was held out: differences of colour have the tail of an exponential
 # distribution, and one sigma is what training views show.
 _FACTORS = tuple(np.log1p(-np.array(_LEVELS)) / np.log1p(-_ONE_SIGMA))
-# Difference of colour that any pixel may have, of [0, 1]: photographs are rounded to 8 bits.
-_COLOR_FLOOR = 0.5 / 255
 # Pixels of weight in all photographs together, below which none has shown a Gaussian.
 _LEAST_WEIGHT = 0.05
 # Part of a pixel that Gaussians which photographs show must cover for it to count as seen.
@@ -151,7 +149,9 @@ class Confidence:
     def expect_differences(self, result: Any) -> np.ndarray:
         """Computes the difference of colour (H, W) that training views have; NaN: never seen."""
         known, residual = result.features[..., 0], result.features[..., 1]
-        return residual / np.where(known >= _LEAST_SEEN, known, np.nan) + _COLOR_FLOOR
+        return (
+            residual / np.where(known >= _LEAST_SEEN, known, np.nan) + COLOR_ROUNDING
+        )  # as of photographs
 
     def add_sigmas(self, result: Any) -> Any:
         """Returns a render with the maps of `render(confidence=...)`."""

@@ -12,7 +12,7 @@ from gsut.run.memory import (
     release_memory,
 )
 from gsut.run.options import BlockOptions, SceneOptions, TrainOptions
-from gsut.run.progress import Progress
+from gsut.run.progress import SHARES, Progress
 from gsut.run.staged_progress import StagedProgress, StageFollower
 from gsut.run.stopwatch import Stopwatch
 from gsut.run.verdict import Verdict

@@ -18,7 +18,7 @@ _SMOOTHING = 0.1
 _COUNTS = "{n_fmt}/{total_fmt}, {remaining} left, {rate_fmt}"
 _FORMAT = "{desc:<9}{percentage:3.0f}% {bar:20} " + _COUNTS + "{postfix}"
 _TIMED_FORMAT = "{desc:<9}{percentage:3.0f}% {bar:20} {n_fmt}/{total_fmt}{postfix}"
-_SHARES = 1000  # parts of a bar of shares
+SHARES = 1000  # parts of a bar of shares
 _SHARE_FORMAT = "{percentage:3.0f}% {bar:20} {elapsed}{postfix}"
 _Item = TypeVar("_Item")
 
@@ -105,10 +105,10 @@ class Progress:
         from tqdm import tqdm
 
         if self._bar is None:
-            self._bar = self._start_bar(total=_SHARES, bar_format=_SHARE_FORMAT, miniters=0)
+            self._bar = self._start_bar(total=SHARES, bar_format=_SHARE_FORMAT, miniters=0)
         left = tqdm.format_interval(seconds_left)
         self._bar.set_postfix_str(f"about {left} left, {text}", refresh=False)
-        self._bar.update(int(share * _SHARES) - self._bar.n)
+        self._bar.update(int(share * SHARES) - self._bar.n)
 
     def show_step(
         self,

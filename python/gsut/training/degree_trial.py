@@ -13,6 +13,7 @@ from collections.abc import Callable
 import numpy as np
 
 from gsut.data import Scene
+from gsut.data.scene import TEST_EVERY
 from gsut.evaluate import mean_psnr
 from gsut.run import TrainOptions
 from gsut.run.options import is_from_preset, raise_degree
@@ -21,8 +22,6 @@ from gsut.training.loop import TrainingLoop
 
 # The degrees compared: that of most presets, and that of 3DGS.
 _DEGREES = (1, 3)
-# One of this many training views is set aside, the share that a dataset holds out.
-_ASIDE_EVERY = 8
 # Most views set aside: more cost time and do not change the decision.
 _MOST_ASIDE = 32
 # Fewest training views of which some can be set aside.
@@ -147,7 +146,7 @@ def measure_gains(
 def _set_aside(scene: Scene) -> Scene:
     """Returns the scene with some of its training views as its test views."""
     train = scene.train_indices
-    aside = train[:: max(_ASIDE_EVERY, -(-len(train) // _MOST_ASIDE))]
+    aside = train[:: max(TEST_EVERY, -(-len(train) // _MOST_ASIDE))]
     rest = tuple(index for index in train if index not in aside)
     return scene.replace(train_indices=rest, test_indices=aside)
 

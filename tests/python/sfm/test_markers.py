@@ -97,7 +97,7 @@ def wall(tmp_path_factory):
 
 def test_markers_of_a_picture_are_found_with_their_corners_in_order(wall):
     folder, _ = wall
-    ((ids, corners),) = find_markers(folder / "images" / "0.png", [DICTIONARY])
+    ((ids, corners),) = find_markers(folder / "images" / "0.png", [DICTIONARY], is_exact=True)
     assert ids.tolist() == sorted(AT)
     pose = np.linalg.inv(look_at_the_wall(0))
     for number, found in zip(ids, corners, strict=True):

@@ -11,7 +11,6 @@ import tolerances
 from gsut.lens import with_scaled_focal
 from gsut.run import Verdict
 from gsut.sfm.lens.candidates import explain_implausible, list_lens_ladder, make_lens
-from gsut.sfm.lens.critical_motion import find_critical_motion
 from gsut.sfm.lens.information import spread_free_parameters
 from gsut.sfm.lens.ranking import LensRanking
 from gsut.sfm.lens.search import search_lens
@@ -110,29 +109,8 @@ def test_tied_focal_lengths_change_alike(walk):
     assert list(rest[:2]) == [500, 505] and list(rest[4:]) == [0, 0]
 
 
-def moved(solution, centers, turns):
-    """The solution with other poses: centres and turns about the vertical."""
-    poses = np.tile(np.eye(4), (len(centers), 1, 1))
-    for pose, center, turn in zip(poses, centers, turns, strict=True):
-        c, s = math.cos(turn), math.sin(turn)
-        pose[:3, :3] = [[c, 0, -s], [0, 1, 0], [s, 0, c]]
-        pose[:3, 3] = -pose[:3, :3] @ center
-    return dataclasses.replace(solution, camera_from_world=poses)
-
-
-def test_critical_motion_straight_flight_and_plane_are_named(walk):
-    solution = walk[3]
-    assert find_critical_motion(solution) is None
-    line = np.arange(8.0)[:, None] * [0.0, 0.0, 1.0]
-    assert "straight" in find_critical_motion(moved(solution, line, np.zeros(8)))
-    assert find_critical_motion(moved(solution, line, np.linspace(0, 1, 8))) is None
-    flat = dataclasses.replace(solution, points=solution.points * [1, 1, 0.001])
-    circle = np.stack([np.cos(np.arange(8)), np.sin(np.arange(8)), np.zeros(8)], axis=1)
-    assert "one plane" in find_critical_motion(moved(flat, circle, np.zeros(8)))
-
-
-def doubt(sigma, motion=None):
-    return Findings(focal_sigma=sigma, motion=motion)
+def doubt(sigma):
+    return Findings(focal_sigma=sigma)
 
 
 def many(solution):
@@ -178,9 +156,6 @@ def turning(radians):
         ({"doubt": doubt(0.08)}, "usable", "known only to 16.0 %"),
         ({"doubt": doubt(0.1)}, "poor", "known only to 20.0 %"),
         ({"doubt": doubt(math.inf)}, "poor", "not determined"),
-        # A motion that may leave the lens open explains its error, if there is one.
-        ({"doubt": doubt(0.01, "the camera moved straight, so: walk")}, "good", ""),
-        ({"doubt": doubt(0.03, "the camera moved straight, so: walk")}, "usable", "straight"),
         ({"registered": np.arange(30) < 25}, "usable", "5 of 30 images could not"),
         ({"registered": np.arange(30) < 5}, "poor", "only 5 views"),
         ({"colors": 5, "such": 10}, "usable", "10 of 30 images are too dark"),

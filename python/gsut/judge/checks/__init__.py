@@ -1,9 +1,8 @@
 """Judges results by tables of checks."""
 
 from gsut.judge.checks.check import NOT_GOOD, UNUSABLE, Check, combine_verdicts, find_faults, judge
-from gsut.judge.checks.pictures import PICTURE_CHECKS, PictureQuality, judge_pictures
+from gsut.judge.checks.pictures import MANY, PICTURE_CHECKS, PictureQuality, judge_pictures
 from gsut.judge.checks.poses import (
-    FOCAL_LIMIT,
     IMPOSSIBLE_TURN,
     PosesQuality,
     judge_poses,

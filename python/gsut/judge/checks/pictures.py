@@ -10,7 +10,7 @@ from gsut.judge.checks.check import Check, judge
 from gsut.run import Verdict
 
 # Share of bad pictures above which the others no longer make up for them.
-_MANY = 0.25
+MANY = 0.25
 _MOST = 0.75  # the same above which a result is poor
 
 
@@ -32,12 +32,12 @@ class PictureQuality:
 
 PICTURE_CHECKS: tuple[Check[PictureQuality], ...] = (
     Check(
-        "exposure", lambda q: (q.dark + q.bright) / max(1, q.images), _MANY, _MOST,
+        "exposure", lambda q: (q.dark + q.bright) / max(1, q.images), MANY, _MOST,
         lambda q: f"{q.dark} of {q.images} images are too dark, {q.bright} too bright",
         "film with more light and a fixed exposure",
     ),
     Check(
-        "features", lambda q: q.featureless / max(1, q.images), _MANY, _MOST,
+        "features", lambda q: q.featureless / max(1, q.images), MANY, _MOST,
         lambda q: f"{q.featureless} of {q.images} images have few features: blurred, dark or "
         "without texture",
         "hold the camera still, film more slowly or with more light",
@@ -51,7 +51,7 @@ def _count_blurred(rows: list[Mapping[str, Any]]) -> int:
 
 CAPTURE_CHECKS: tuple[Check[list[Mapping[str, Any]]], ...] = (
     Check(
-        "sharpness", lambda rows: _count_blurred(rows) / max(1, len(rows)), _MANY, 1.0,
+        "sharpness", lambda rows: _count_blurred(rows) / max(1, len(rows)), MANY, 1.0,
         lambda rows: f"{_count_blurred(rows)} of them blurred",
         "film more slowly, or with more light",
     ),

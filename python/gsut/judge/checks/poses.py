@@ -13,7 +13,7 @@ from gsut.judge.preference import MEDIAN_DEVIATION
 from gsut.run import Verdict
 
 # Relative error of the focal length that shifts a picture by GOOD_PX (root mean square).
-FOCAL_LIMIT = 0.02
+_FOCAL_LIMIT = 0.02
 # Share of the verified matches that observe one point, below which a given lens may be the cause of
 # what is wrong; repeated things lower it too.
 _FEW_AGREE = 0.4
@@ -54,7 +54,6 @@ class PosesQuality(PictureQuality):
         focal_sigma: standard deviation of the focal length over it; None: the lens was given.
         readout_turn: root mean square turn of the images during their readout, in radians; None:
             a global shutter.
-        motion: a sentence on a motion that determines too little; empty: none.
         look_alikes: a sentence on places taken for one another; empty: none.
     """
 
@@ -71,7 +70,6 @@ class PosesQuality(PictureQuality):
     contradicted: float = 0.0
     contradicted_images: Mapping[str, float] = dataclasses.field(default_factory=dict)
     readout_turn: float | None = None
-    motion: str = ""
     look_alikes: str = ""
 
     @property
@@ -114,14 +112,14 @@ class PosesQuality(PictureQuality):
 
 def convert_focal_error(error: float) -> float:
     """Converts a relative error of the focal length to pixels of a picture."""
-    return GOOD_PX / FOCAL_LIMIT * abs(error)
+    return GOOD_PX / _FOCAL_LIMIT * abs(error)
 
 
 def _describe_error(q: PosesQuality) -> str:
     """Describes which of lens and poses is open."""
     sigma, px = q.focal_sigma or 0.0, q.pose_errors_px[0]
     if q.is_lens_open:
-        if sigma < FOCAL_LIMIT:
+        if sigma < _FOCAL_LIMIT:
             return f"the lens is probably {q.lens_px / q.scale:.1f} px off"
         known = f"known only to {200 * sigma:.1f} %" if 2 * sigma <= 0.5 else "not determined"
         return f"the focal length is {known}"
@@ -132,7 +130,7 @@ def _describe_error(q: PosesQuality) -> str:
 
 def _choose_step_on_error(q: PosesQuality) -> str:
     if q.is_lens_open:
-        return "give the lens by --camera or --fov, or turn the camera more while you walk"
+        return "give the lens by --camera or --fov, or walk in a curve, turn the camera and tilt it"
     return _choose_step_on_matches(q) if q.agreement < _FEW_AGREE else _ADD_BETWEEN
 
 
@@ -149,11 +147,6 @@ def _choose_step_on_matches(q: PosesQuality) -> str:
 
 
 POSES_CHECKS: tuple[Check[PosesQuality], ...] = (
-    Check(
-        "critical motion", lambda q: q.lens_px if q.motion else 0.0, GOOD_PX, math.inf,
-        lambda q: q.motion.split(":")[0], lambda q: q.motion.rpartition(": ")[2],
-        is_visible=True,
-    ),
     Check(
         "look-alikes", lambda q: bool(q.look_alikes), 0, 0, lambda q: q.look_alikes,
         "put the pictures of each place into a folder of their own, or add pictures of the way "

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 
 import numpy as np
 
 from gsut._core import exp_pose
 from gsut.gaussians import find_rotation_vectors, rotations_from_quaternions
+from gsut.judge import list_signed_permutations
+from gsut.least_squares import ROUNDS
 from gsut.sfm.gyroscope.curve import TurnCurve, exp_quaternions
 
 # Unknowns of a calibration: bias (3), scale, axes (3), time offset.
@@ -21,10 +22,6 @@ _SIGMAS = np.array([*[BIAS_SIGMA] * 3, 0.2, 0.2, 0.2, 0.2, 0.2])
 # Seconds: offsets that are tried, and their steps, in which nobody turns far.
 _LONGEST_OFFSET = 0.3
 _STEP = 0.01
-# Fewest pairs of pictures: three numbers each, against eight unknowns.
-_FEWEST = 10
-# Rounds of least squares.
-_ROUNDS = 6
 # Radians: pictures and sensors measure a turn no better.
 _LEAST_SIGMA = 1e-4
 # Standard deviations beyond which a turn is taken for a wrong pose.
@@ -85,7 +82,7 @@ class TurnCalibration:
 def calibrate_turns(
     rates: np.ndarray, times: np.ndarray, rotations: np.ndarray
 ) -> TurnCalibration | None:
-    """Calibrates a record by poses; None where fewer than ten pairs of them are recorded.
+    """Calibrates a record by poses; None where fewer pairs than unknowns are recorded.
 
     Args:
         rates: (N, 4), see `TurnCurve`.
@@ -98,7 +95,7 @@ def calibrate_turns(
         return None
     offset, axes = start
     bias, scale = np.zeros(3), 0.0
-    for _ in range(_ROUNDS):
+    for _ in range(ROUNDS):
         turns = TurnCurve(rates, bias).find_turns(*(times + offset).T)
         recorded = axes @ turns.rotations @ axes.T
         columns = [
@@ -108,7 +105,7 @@ def calibrate_turns(
         by_unknowns = np.concatenate(columns, axis=2)
         off = find_rotation_vectors(rotations @ recorded.transpose(0, 2, 1))
         known = np.isfinite(off).all(axis=1)
-        if np.count_nonzero(known) < _FEWEST:
+        if np.count_nonzero(known) < UNKNOWNS:
             return None
         change, left, sigma, normal = _solve(off, by_unknowns, known, scale)
         bias = bias + change[:3]
@@ -137,7 +134,7 @@ def _solve(
     change = np.zeros(UNKNOWNS)
     change[3] = scale
     rows = by_unknowns[known]
-    for _ in range(_ROUNDS):
+    for _ in range(ROUNDS):
         left = off - by_unknowns @ change
         squared = np.sum(left[known] ** 2, axis=1)
         sigma = max(float(np.sqrt(np.median(squared) / _MEDIAN_SQUARE)), _LEAST_SIGMA)
@@ -156,7 +153,7 @@ def _search_start(
     for offset in np.arange(-_LONGEST_OFFSET, _LONGEST_OFFSET + _STEP / 2, _STEP):
         recorded = find_rotation_vectors(curve.find_turns(*(times + offset).T).rotations)
         known = np.isfinite(recorded).all(axis=1)
-        if np.count_nonzero(known) < _FEWEST:
+        if np.count_nonzero(known) < UNKNOWNS:
             continue
         for axes in QUARTER_TURNS:
             left = np.sum((vectors[known] - recorded[known] @ axes.T) ** 2, axis=1)
@@ -166,15 +163,5 @@ def _search_start(
     return found
 
 
-def _list_quarter_turns() -> list[np.ndarray]:
-    """Lists the 24 rotations that turn axes into axes, with the identity first."""
-    found = []
-    for order in itertools.permutations(range(3)):
-        for signs in itertools.product((1.0, -1.0), repeat=3):
-            axes = np.eye(3)[list(order)] * np.array(signs)[:, None]
-            if np.linalg.det(axes) > 0:
-                found.append(axes)
-    return found
-
-
-QUARTER_TURNS = _list_quarter_turns()
+# The 24 rotations that turn axes into axes, with the identity first.
+QUARTER_TURNS = [axes for axes in list_signed_permutations() if np.linalg.det(axes) > 0]

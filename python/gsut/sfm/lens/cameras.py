@@ -10,18 +10,16 @@ import numpy as np
 from gsut import _core
 from gsut._core import SolveError
 from gsut.lens import Camera
+from gsut.sampling import MAJORITY, choose_evenly
 from gsut.sfm.lens.candidates import list_lens_ladder, make_lens
 from gsut.sfm.lens.ranking import ROUGH
 from gsut.sfm.lens.search import ADVICE, START, choose_lens, search_lens
 from gsut.sfm.lens.sightings import Sightings, gather_sightings
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import explain_failure, require_overlap, select_pairs, verify_matches
-from gsut.sfm.photographs import LensGroup
+from gsut.sfm.photographs import FEWEST_OF_MODEL, LensGroup
 from gsut.sfm.solution import Adjustment, index_lenses, solve_poses
 
-_FEWEST_IMAGES = 3  # of a camera whose lens is estimated from its own images: two leave it open
-_MOST_TRIED = 10  # images that show which lens their camera has
-_FITS = 0.5  # share of the matches that must agree with points through such a lens
 # Degrees across of cameras that state no focal length: short zooms, phones, wide angles.
 _GUESSED_FIELDS = (45.0, 60.0, 75.0)
 
@@ -49,7 +47,7 @@ def search_lenses(mapping: Mapping) -> Mapping:
     open_groups, failure = [], None
     for group in groups:
         try:
-            if len(group.images) < _FEWEST_IMAGES:
+            if len(group.images) < FEWEST_OF_MODEL:
                 raise SolveError(f"{len(group.images)} images are too few")
             lens, flags, _ = choose_lens(mapping.select(group))
         except SolveError as error:
@@ -145,7 +143,7 @@ def _fit_to_points(lenses: _Lenses, group: LensGroup) -> bool:
     """Sets the lens through which a camera's images fit points that others see; False if none."""
     mapping = lenses.mapping
     seen = gather_sightings(mapping.solved, mapping.features, mapping.raw)
-    own = [seen[image] for image in group.images if image in seen][:_MOST_TRIED]
+    own = choose_evenly([seen[image] for image in group.images if image in seen])
     if not own:
         return False
     size = mapping.photographs.lenses[group.images[0]]
@@ -157,7 +155,7 @@ def _fit_to_points(lenses: _Lenses, group: LensGroup) -> bool:
         *list_lens_ladder(width, height, mapping.options.fov),
     ]
     fitting = [sum(_count_fitting(mapping, lens, each) for each in own) for lens in candidates]
-    if max(fitting) < _FITS * sum(len(points) for _, points in own):
+    if max(fitting) < MAJORITY * sum(len(points) for _, points in own):
         return False
     best = candidates[int(np.argmax(fitting))]
     flags = np.zeros(len(best.params), np.uint8)

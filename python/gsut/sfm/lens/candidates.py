@@ -11,13 +11,12 @@ import numpy as np
 from gsut._core import InputError
 from gsut.data.images import read_header
 from gsut.lens import Camera
+from gsut.sampling import ENOUGH_SAMPLES
 from gsut.sfm.photographs import TANGENT, Features, LensGroup, Photographs
 
 _WIDEST_PERSPECTIVE = 130.0  # degrees across: beyond it tan() stretches the image's edge too much
 _UNREADABLE_SIZE = (640, 480)  # pixels, of a camera whose images cannot be read and get no pose
 DEFAULT_FIELD = 60.0  # degrees across: between a phone's main and wide camera
-_LONGEST_SAMPLE = 200  # features of an image that are tested for a ray
-_MOST_SAMPLED = 50  # images whose features are tested for a ray
 # Fields of view along the longer side (degrees) by kind of lens, r = f tan(b theta) / b: a
 # telephoto lens to a wide angle (b = 1), an action camera to a fisheye (stereographic, b = 1/2, and
 # equidistant, b = 0).
@@ -138,9 +137,8 @@ def explain_implausible(lens: Camera, features: Sequence[Features]) -> str | Non
     off = math.hypot(cx - lens.width / 2, cy - lens.height / 2)
     if off > _MOST_OFF_CENTER * math.hypot(lens.width, lens.height):
         return f"its principal point is {off:.0f} px from the image's centre"
-    pixels = np.concatenate(
-        [f.pixels[:: max(1, len(f) // _LONGEST_SAMPLE)] for f in features[:_MOST_SAMPLED]]
-    )
+    pixels = np.concatenate([f.pixels for f in features])
+    pixels = pixels[:: max(1, len(pixels) // ENOUGH_SAMPLES)]
     seen = float(lens.unproject(pixels)[1].mean()) if len(pixels) else 1.0
     if seen < _LEAST_SEEN:
         return f"it has no ray at {100 * (1 - seen):.0f} % of the features"

@@ -11,9 +11,10 @@ from gsut.data.poses import find_centers
 from gsut.gaussians import find_nearest_rotation, measure_rotation_angles
 from gsut.judge import measure_pixels_per_radian
 from gsut.lens import Camera, spread_pixels
+from gsut.sampling import choose_evenly
+from gsut.sfm.matches import ALL_UP_TO
 from gsut.sfm.solution import Solution, measure_diagonal, transform_to_cameras
 
-_IMAGES = 100  # that are compared with each other, evenly chosen
 # Baseline over the distance of what is seen, below which a pair has no direction to get wrong.
 _NO_BASELINE = 0.005
 
@@ -24,8 +25,7 @@ def measure_pose_differences(one: Solution, other: Solution, solution: Solution)
     By the turn between the two images, and by the direction of the baseline as far as it turns what
     is seen. Pairs of which an image has no pose left differ without limit.
     """
-    images = np.flatnonzero(solution.registered)
-    images = images[np.linspace(0, len(images) - 1, min(len(images), _IMAGES)).astype(int)]
+    images = choose_evenly(np.flatnonzero(solution.registered).tolist(), ALL_UP_TO)
     first, second = np.array(list(itertools.combinations(images, 2))).T
     turns, ways = [], []
     for each in (one, other):

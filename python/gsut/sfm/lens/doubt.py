@@ -8,10 +8,8 @@ import numpy as np
 
 from gsut._core import SolveError
 from gsut.data import list_some
-from gsut.judge.checks import FOCAL_LIMIT
 from gsut.sfm.lens.center import describe_center
 from gsut.sfm.lens.covariance import estimate_lens_sigmas
-from gsut.sfm.lens.critical_motion import find_critical_motion
 from gsut.sfm.lens.given import check_given_lens
 from gsut.sfm.lens.jackknife import (
     adjust_without_groups,
@@ -36,7 +34,6 @@ def judge_lens(mapping: Mapping) -> Mapping:
     if isinstance(flags, np.ndarray) and mapping.photographs.frames is None:
         lens = solution.cameras[int(np.flatnonzero(solution.registered)[0])]
         mapping = describe_center(mapping, lens, known[0] if known else None)
-    motion = find_critical_motion(solution)
     by_turns = mapping.found.figures.get("focal_prior")
     if by_turns is not None:
         sigma = by_turns["sigma_percent"] / 100
@@ -50,10 +47,8 @@ def judge_lens(mapping: Mapping) -> Mapping:
                 pose_errors_px=measure_pose_errors(mapping.solved, without),
                 lens_sigma_px=measure_lens_sigma(without) * sigma / alone,  # what a prior adds
             )
-    if mapping.turns is not None and sigma <= FOCAL_LIMIT:
-        motion = None  # settled by the gyroscope
     percent = 100 * sigma if math.isfinite(sigma) else None
-    return mapping.add_findings({"focal_sigma_percent": percent}, motion=motion, focal_sigma=sigma)
+    return mapping.add_findings({"focal_sigma_percent": percent}, focal_sigma=sigma)
 
 
 def _measure_focal_sigma(

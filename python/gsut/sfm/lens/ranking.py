@@ -12,14 +12,9 @@ from gsut.lens import Camera
 from gsut.sfm.matches import ENOUGH_MATCHES, RawMatches
 from gsut.sfm.photographs import Features, PosesOptions
 
-_PAIRS = 24  # of images that lenses are compared by: more hardly change the order
+PAIRS = 24  # of images that lenses are compared by: more hardly change the order
 _PAIRS_OF_AN_IMAGE = 2  # at most, so that the pairs spread over the images
-MATCHES = 250  # of a pair, the most distinct
-QUICK_PAIRS = 10  # of a first look at all lenses
-_QUICK_MATCHES = 100  # of a pair, in the first look
-_CLOSER = 6  # lenses that get a closer look
 _FAVOUR = 1.02  # factor on the share of a lens that the database or EXIF suggests
-MOST_TRIED = 3  # lenses ranked first that are adjusted
 ROUGH = 3.0  # factor on the largest error where a lens or a shutter is only nearly right
 # Spread of a pair's displacements over the extent of its features, beyond which more is no better:
 # pairs that move constrain a lens more than pairs with many matches.
@@ -61,7 +56,7 @@ class LensRanking:
         of_chosen = [[place[int(a)], place[int(b)]] for a, b in raw.pairs[chosen]]
         self._pairs = np.array(of_chosen, np.int64).reshape(-1, 2)
         # Features that no match names would only cost time, each with each lens.
-        matches = [raw.matches[i][:MATCHES] for i in chosen]
+        matches = [raw.matches[i][:ENOUGH_MATCHES] for i in chosen]
         named = [np.zeros(len(features[image]), bool) for image in images]
         for (a, b), rows in zip(self._pairs, matches, strict=True):
             named[a][rows[:, 0]] = named[b][rows[:, 1]] = True
@@ -76,28 +71,25 @@ class LensRanking:
         self._error = error_factor * options.max_two_view_error / 1000
         self._seed = options.seed
 
-    def measure_share(self, camera: Camera, pairs: int = _PAIRS, most: int = MATCHES) -> float:
+    def measure_share(self, camera: Camera) -> float:
         """Returns the mean share of the matches that agree through this lens."""
-        shares = self.measure_shares(camera, pairs, most)
+        shares = self.measure_shares(camera)
         return float(shares.mean()) if len(shares) else 0.0
 
-    def measure_shares(
-        self, camera: Camera, pairs: int = _PAIRS, most: int = MATCHES
-    ) -> np.ndarray:
+    def measure_shares(self, camera: Camera) -> np.ndarray:
         """Returns the share (P,) of each pair's matches that agree through this lens."""
-        matches_of = [matches[:most] for matches in self._matches[:pairs]]
         bearings = [_core.ImageBearings(camera, pixels) for pixels in self._pixels]
         valid = [b.valid for b in bearings]
         seen = [
             m[valid[a][m[:, 0]] & valid[b][m[:, 1]]]
-            for (a, b), m in zip(self._pairs[:pairs], matches_of, strict=True)
+            for (a, b), m in zip(self._pairs, self._matches, strict=True)
         ]
         error = self._error * float(np.hypot(camera.width, camera.height))
-        found = _core.verify_pairs(bearings, self._pairs[:pairs], seen, error, self._seed)
+        found = _core.verify_pairs(bearings, self._pairs, seen, error, self._seed)
         return np.array(
             [
                 float(inliers.sum()) / len(matches)
-                for (inliers, *_), matches in zip(found, matches_of, strict=True)
+                for (inliers, *_), matches in zip(found, self._matches, strict=True)
             ]
         )
 
@@ -107,7 +99,7 @@ class LensRanking:
         others: Sequence[Camera],
         on_lens: Callable[[int, int], None],
     ) -> list[RankedLens]:
-        """Ranks lenses, best first: all by a quick look, then the best by more pairs.
+        """Ranks lenses, best first.
 
         Args:
             likely: lenses that are preferred even if they score a little worse.
@@ -115,21 +107,12 @@ class LensRanking:
             on_lens: called with (lenses done, lenses in all).
         """
         candidates = [*likely, *others]
-        total = len(candidates) + _CLOSER
-        done = 0
-
-        def rank(cameras: Sequence[Camera], pairs: int, most: int) -> list[RankedLens]:
-            nonlocal done
-            ranked = []
-            for camera in cameras:
-                ranked.append(RankedLens(camera, self.measure_share(camera, pairs, most)))
-                done += 1
-                on_lens(done, total)
-            favour = {camera: _FAVOUR for camera in likely}
-            return sorted(ranked, key=lambda lens: -lens.share * favour.get(lens.camera, 1.0))
-
-        quick = rank(candidates, QUICK_PAIRS, _QUICK_MATCHES)[:_CLOSER]
-        return rank([lens.camera for lens in quick], _PAIRS, MATCHES)
+        ranked = []
+        for done, camera in enumerate(candidates, 1):
+            ranked.append(RankedLens(camera, self.measure_share(camera)))
+            on_lens(done, len(candidates))
+        favour = {camera: _FAVOUR for camera in likely}
+        return sorted(ranked, key=lambda lens: -lens.share * favour.get(lens.camera, 1.0))
 
 
 def choose_informative_pairs(features: Sequence[Features], raw: RawMatches) -> np.ndarray:
@@ -151,6 +134,6 @@ def choose_informative_pairs(features: Sequence[Features], raw: RawMatches) -> n
         if scores[i] > 0 and used[pair].max() < _PAIRS_OF_AN_IMAGE:
             used[pair] += 1
             chosen.append(int(i))
-        if len(chosen) == _PAIRS:
+        if len(chosen) == PAIRS:
             break
     return np.array(chosen, np.int64)

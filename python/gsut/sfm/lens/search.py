@@ -9,8 +9,9 @@ import numpy as np
 
 from gsut._core import SolveError
 from gsut.lens import Camera, convert_camera
+from gsut.sampling import ENOUGH_PICTURES
 from gsut.sfm.lens.candidates import explain_implausible, list_lens_ladder
-from gsut.sfm.lens.ranking import MOST_TRIED, ROUGH, LensRanking, RankedLens
+from gsut.sfm.lens.ranking import ROUGH, LensRanking, RankedLens
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import (
     PairMatches,
@@ -21,6 +22,7 @@ from gsut.sfm.matches import (
     select_pairs,
     verify_matches,
 )
+from gsut.sfm.photographs import MOST_TRIED, SAME_FOCAL
 from gsut.sfm.solution import Adjustment, LensFlag, Solution, solve_poses
 
 # Estimated first of a Kannala-Brandt lens: the focal length and k1.
@@ -29,9 +31,9 @@ START = np.array([*_FOCAL, LensFlag.FREE, 0, 0, 0], np.uint8)
 # Estimated of all images: of a perspective lens k1 and k2, of a fisheye k1 to k4.
 _PERSPECTIVE = np.array([*_FOCAL, *[LensFlag.FREE] * 2, 0, 0], np.uint8)
 _FISHEYE = np.array([*_FOCAL, *[LensFlag.FREE] * 4], np.uint8)
-FIRST_IMAGES = 14  # best connected with each other, on which the first lenses are compared
+# Images, best connected with each other, on which the first lenses are compared.
+FIRST_IMAGES = ENOUGH_PICTURES
 _NEAR_BEST = 0.96  # share of the best lens' score that such a lens must have
-_SAME_FOCAL = 0.12  # difference of the logarithms of focal lengths that are not both tried
 # Median error over the diagonal that confirms a first lens if all images are registered.
 _CONFIRMED = 0.5e-3
 _VERIFY_AGAIN = 0.03  # relative change of the focal length after which matches are verified again
@@ -109,7 +111,7 @@ def _solve_first_images(
     tried: list[float] = []
     for number, lens in enumerate(ranked):
         focal = float(lens.camera.params[0])
-        known = any(abs(math.log(focal / other)) < _SAME_FOCAL for other in tried)
+        known = any(abs(math.log(focal / other)) < SAME_FOCAL for other in tried)
         if known or (found and lens.share < _NEAR_BEST * ranked[0].share):
             continue
         if len(tried) == MOST_TRIED:

@@ -6,11 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from gsut.sfm.matches import FEWEST_MATCHES, RawMatches
+from gsut.sfm.matches import ENOUGH_MATCHES, FEWEST_MATCHES, RawMatches
 from gsut.sfm.photographs import Features
 from gsut.sfm.solution import Solution
-
-_TRIED_MATCHES = 200  # of a pair of images
 
 Sightings = tuple[np.ndarray, np.ndarray]  # pixels (M, 2) and the points (M, 3) seen there
 
@@ -39,7 +37,7 @@ def join_points(
                 continue
             point = point_of[other][matches[:, 1 - own]]
             rows = np.stack([matches[:, own], point], axis=1)[point >= 0]
-            found.setdefault(image, []).append(rows[:_TRIED_MATCHES])
+            found.setdefault(image, []).append(rows[:ENOUGH_MATCHES])
     # One number for a feature and a point: rows of two are sorted far slower.
     count = max(1, len(solution.points))
     joined = {}

@@ -13,34 +13,32 @@ from gsut._core import SolveError
 from gsut.gaussians import find_nearest_rotation
 from gsut.judge import (
     LEAST_NOISE,
+    SURE,
     estimate_share,
     measure_angular_errors,
     measure_pixels_per_radian,
 )
+from gsut.least_squares import ROUNDS
 from gsut.lens import Camera
 from gsut.sfm.lens.candidates import explain_implausible, list_lens_ladder
 from gsut.sfm.lens.ranking import (
-    MATCHES,
-    MOST_TRIED,
-    QUICK_PAIRS,
+    PAIRS,
     ROUGH,
     choose_informative_pairs,
 )
 from gsut.sfm.mapping import Mapping
-from gsut.sfm.matches import ALL_SAME
+from gsut.sfm.matches import ALL_SAME, ENOUGH_MATCHES, FEWEST_MATCHES
+from gsut.sfm.photographs import MOST_TRIED
 
 _MOSTLY = 0.35  # share of a pair's matches, below which no lens near makes a rotation of its motion
 # Share of what poses explain that rotations must: where the camera moved, at most a third.
 _EXPLAINED = 0.75
-_FEWEST_MATCHES = 10  # that agree and were not fitted, of a pair that counts
 # Diagonal over focal length of lenses through which a turn looks like a move along a plane.
 _LEAST_FIELD = 0.6
 # The same of a known lens, through which rotations of a straight flight over a plane are clearly
 # less exact in the upper quartile of its pairs: 4 to 7 times, in turns mostly below 3.
 _LEAST_KNOWN_FIELD = 1.4
 _LESS_EXACT = 3.0
-_LEAST_PARALLAX = 4.0  # standard deviations of the noise, up to which parallax shows no depth
-_ROUNDS = 5  # of reweighting, and of adjusting a lens: both settle in three or four
 # Standard deviations of a lens about one of the ladder: logarithm of the focal length, principal
 # point over the diagonal, two radial coefficients.
 _LENS_SIGMAS = np.array([0.2, 0.02, 0.02, 0.1, 0.1])
@@ -57,13 +55,6 @@ class _Sample(NamedTuple):
     pair: np.ndarray
     pixels: np.ndarray
     fitted: np.ndarray
-
-    def take(self, pairs: int) -> _Sample:
-        """Returns the matches of the first pairs."""
-        kept = self.pair < pairs
-        return _Sample(
-            self.images[:pairs], self.pair[kept], self.pixels[:, kept], self.fitted[kept]
-        )
 
 
 class _Explained(NamedTuple):
@@ -140,8 +131,7 @@ def _try_lenses(
     ladder = list_lens_ladder(first.width, first.height, mapping.options.fov)
     ladder += [c for c in mapping.photographs.candidates if c.model == ladder[0].model]
     lenses = [[lens] * count for lens in ladder]
-    few = sample.take(QUICK_PAIRS)
-    looks = [_explain_by_poses(few, each, ROUGH * limit) for each in lenses]
+    looks = [_explain_by_poses(sample, each, ROUGH * limit) for each in lenses]
     agree = np.array([np.count_nonzero(look.agree) for look in looks])
     shares = np.array([look.turned for look in looks]) / np.maximum(agree, 1)
     order = np.argsort(-shares, kind="stable")
@@ -168,7 +158,7 @@ def _refuse_turns(sample: _Sample, turns: np.ndarray, poses: np.ndarray, limit: 
     """
     total, held = len(sample.images), ~sample.fitted
     agree = [np.bincount(sample.pair[held & (e < limit)], minlength=total) for e in (turns, poses)]
-    seen = np.maximum(*agree) >= _FEWEST_MATCHES
+    seen = np.maximum(*agree) >= FEWEST_MATCHES // 2  # as half of all are fitted
     explained, count = int(np.sum(seen & (agree[0] >= _EXPLAINED * agree[1]))), int(seen.sum())
     if 2 * count < total or agree[0].sum() < _EXPLAINED * agree[1].sum():
         return
@@ -204,7 +194,7 @@ def _score_matches(
     """
     known = fitted & np.isfinite(errors)
     noise = max(_find_median(errors[fitted]), LEAST_NOISE)
-    reach = _LEAST_PARALLAX * noise
+    reach = SURE * noise  # below it parallax shows no depth
     if parallax is not None:
         reach = max(_find_median(parallax[fitted]), reach)
 
@@ -219,7 +209,7 @@ def _score_matches(
         nonlocal noise, reach
         noise = max(math.sqrt(weights @ errors[known] ** 2), LEAST_NOISE)
         if parallax is not None:
-            reach = max(float(weights @ parallax[known]), _LEAST_PARALLAX * noise)
+            reach = max(float(weights @ parallax[known]), SURE * noise)
 
     share = estimate_share(lambda: evaluate(known), update, int(fitted.sum()), extent**2)
     right = np.nan_to_num(evaluate(np.ones(len(errors), bool)))
@@ -237,9 +227,9 @@ def _choose_sample(mapping: Mapping) -> _Sample:
     features, raw = mapping.features, mapping.raw
     chosen = choose_informative_pairs(features, raw)
     if not len(chosen):  # nothing moves at all
-        chosen = np.argsort([-len(each) for each in raw.matches], kind="stable")[:QUICK_PAIRS]
+        chosen = np.argsort([-len(each) for each in raw.matches], kind="stable")[:PAIRS]
     images = np.asarray(raw.pairs)[chosen].reshape(-1, 2)
-    rows = [raw.matches[i][:MATCHES] for i in chosen]
+    rows = [raw.matches[i][:ENOUGH_MATCHES] for i in chosen]
     pair = np.repeat(np.arange(len(rows)), [len(each) for each in rows])
     pixels = np.zeros((2, len(pair), 2))
     for side in range(2):
@@ -301,7 +291,7 @@ def _fit_turns(
     scale = measure_pixels_per_radian(lenses[0])
     one, two = np.nan_to_num(found.rays)
     weights = found.agree.astype(np.float64)
-    for _ in range(_ROUNDS):
+    for _ in range(ROUNDS):
         outer = np.einsum("m,mi,mj->mij", weights, two, one)
         sums = np.zeros((len(sample.images), 3, 3))
         np.add.at(sums, sample.pair, outer)
@@ -331,7 +321,7 @@ def _fit_lens(sample: _Sample, lenses: Sequence[Camera], limit: float) -> Camera
         return _fit_turns(sample, found._replace(rays=_find_rays(sample, own)), own, error)
 
     x = np.zeros(len(_LENS_SIGMAS))
-    for number in range(_ROUNDS):
+    for number in range(ROUNDS):
         error = limit * (ROUGH if number < 2 else 1.0)
         _, base, weights = measure(x, error)
         steps = _STEP * np.eye(len(x))

@@ -5,11 +5,10 @@ from __future__ import annotations
 import copy
 from collections.abc import Callable, Sequence
 
-from gsut.run import Stopwatch
+from gsut.run import SHARES, Stopwatch
 from gsut.sfm.photographs import OnProgress
 from gsut.sfm.solution import OnStep
 
-_PARTS = 1000  # of a stage's progress bar
 _GROWING_SHARE = 0.5  # of mapping, until all images have a pose
 _STEP_SHARE = 0.1  # of what is left of a stage that a finishing step takes
 
@@ -74,7 +73,7 @@ class PosesLog:
 
     def show_share(self, stage: str, share: float, text: str) -> None:
         """Reports the share of a stage that is done."""
-        self.show(stage, round(_PARTS * share), _PARTS, text)
+        self.show(stage, round(SHARES * share), SHARES, text)
 
     def follow_steps(self, stage: str) -> OnStep:
         """Returns a function that reports the steps of the solver as the progress of a stage."""

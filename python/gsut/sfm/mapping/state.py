@@ -80,7 +80,6 @@ class Findings:
         lens_gap_px, focal_gap: difference of the lens that the photographs determine from a given
             one, over a picture and relative of the focal length, where it contradicts the given
             lens beyond doubt; 0: none.
-        motion: why the motion or the scene leaves the lens open, as a sentence, or None.
         figures: of poses.json.
     """
 
@@ -95,7 +94,6 @@ class Findings:
     lens_sigma_px: float | None = None
     lens_gap_px: float = 0.0
     focal_gap: float = 0.0
-    motion: str | None = None
     figures: dict[str, Any] = dataclasses.field(default_factory=dict)
 
 

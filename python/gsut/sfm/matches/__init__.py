@@ -1,8 +1,10 @@
 """Pairs of photographs: features that look alike, and those of them that agree with a pose."""
 
 from gsut.sfm.matches.matching import (
+    ALL_UP_TO,
     MAX_DISTANCE,
     MAX_RATIO,
+    PREVIEW_FEATURES,
     WINDOW,
     PairMatches,
     RawMatches,
@@ -10,6 +12,7 @@ from gsut.sfm.matches.matching import (
     match_images,
 )
 from gsut.sfm.matches.selection import (
+    ENOUGH_MATCHES,
     FEW_IMAGES,
     are_connected,
     choose_connected_pairs,
@@ -20,7 +23,6 @@ from gsut.sfm.matches.selection import (
 )
 from gsut.sfm.matches.verification import (
     ALL_SAME,
-    ENOUGH_MATCHES,
     FEWEST_MATCHES,
     LARGEST_OFFSET,
     MIN_ANGLE_DEGREES,

@@ -9,19 +9,17 @@ import numpy as np
 
 from gsut import _core
 from gsut.data.scene import split_last_number
+from gsut.least_squares import ROUNDS
+from gsut.sampling import ENOUGH_SAMPLES
 from gsut.sfm.photographs import Features, OnProgress, PosesOptions, Stages
 
 BATCH = 64  # pairs between two refreshes of the progress bar
 _STAGE = "matches"  # name of the stage file
 # Visual words that a vocabulary has: enough to rank images by likeness, and quick to find.
 _WORDS = 64
-_SAMPLE = 20000  # descriptors that the vocabulary is made from
-_WORD_FEATURES = 500  # of each image, largest first, that are compared with the vocabulary
-_ROUNDS = 8  # of k-means: the vocabulary need not be exact
-_ALL_UP_TO = 100  # images, of which all pairs are compared
+ALL_UP_TO = 100  # images, of which all pairs are compared
 WINDOW = 8  # images after each that it is compared with, where names count up
-# Features, the largest, that decide whether a pair is compared in full.
-_PREVIEW_FEATURES = 700
+PREVIEW_FEATURES = 700  # the largest of an image, by which it is found which images look alike
 _PREVIEW_MATCHES = 8  # of them that must match
 # Most images that an image is compared with in full: those with the most matches of the largest
 # features.
@@ -107,7 +105,7 @@ def match_images(
             on_progress(stage, done, total, f"{total} pairs")
 
     # The largest features show which pairs match: most pairs of a walk see different things.
-    counts = np.array([len(m) for m in match("preview", _PREVIEW_FEATURES)], np.int64)
+    counts = np.array([len(m) for m in match("preview", PREVIEW_FEATURES)], np.int64)
     pairs = _keep_partners(pairs, counts)
     raw = RawMatches(pairs, list(match("matching", None)))
     if stages is not None:
@@ -155,7 +153,7 @@ def choose_pairs(
     """
     count = len(names)
     rule = options.pairs
-    if rule == "auto" and count <= _ALL_UP_TO:
+    if rule == "auto" and count <= ALL_UP_TO:
         rule = "all"
     if rule == "all":
         first, second = np.triu_indices(count, 1)
@@ -199,11 +197,11 @@ def _pair_sequential(count: int, window: int) -> np.ndarray:
 def _pair_similar(features: Sequence[Features], seed: int) -> np.ndarray:
     """Pairs the images most alike by aggregated descriptors (VLAD: Jegou et al. 2010)."""
     rng = np.random.default_rng(seed)
-    largest = [f.normalize_descriptors(_WORD_FEATURES) for f in features]
+    largest = [f.normalize_descriptors(PREVIEW_FEATURES) for f in features]
     everything = np.concatenate(largest)
     if len(everything) < _WORDS:
         return _pair_sequential(len(features), len(features))
-    sample = everything[rng.permutation(len(everything))[:_SAMPLE]]
+    sample = everything[rng.permutation(len(everything))[:ENOUGH_SAMPLES]]
     words = _cluster_descriptors(sample, rng)
     signatures = np.stack([_sum_residuals(d, words) for d in largest])
     likeness = signatures @ signatures.T
@@ -216,7 +214,7 @@ def _pair_similar(features: Sequence[Features], seed: int) -> np.ndarray:
 
 def _cluster_descriptors(sample: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     words = sample[rng.permutation(len(sample))[:_WORDS]].copy()
-    for _ in range(_ROUNDS):
+    for _ in range(ROUNDS):
         nearest = np.argmax(sample @ words.T - 0.5 * (words**2).sum(axis=1), axis=1)
         for word in range(len(words)):
             members = sample[nearest == word]

@@ -10,16 +10,12 @@ import numpy as np
 from gsut.sfm.matches.matching import PairMatches, RawMatches
 
 FEW_IMAGES = 12  # up to which each two of them are looked at, and more are suggested
-_ENOUGH_MATCHES = 200  # of a pair, beyond which more do not count
+ENOUGH_MATCHES = 150  # of a pair, the most distinct: more say nothing more of it, and take time
 _ENOUGH_PARALLAX = 0.2  # radians, beyond which more does not count
 
 
-# Of a pair, the most distinct: a trial needs no more, and the time of large captures is bounded.
-TRIAL_MATCHES = 150
-
-
 def keep_most_distinct(
-    pairs: Sequence[PairMatches], most: int = TRIAL_MATCHES
+    pairs: Sequence[PairMatches], most: int = ENOUGH_MATCHES
 ) -> list[PairMatches]:
     """Keeps at most `most` matches of each pair, the most distinct, which stand first."""
     return [
@@ -42,7 +38,7 @@ def choose_connected_pairs(pairs: Sequence[PairMatches], most: int) -> list[Pair
     """
     strength: dict[int, dict[int, float]] = {}
     for pair in pairs:
-        value = min(len(pair.matches), _ENOUGH_MATCHES) * min(pair.parallax, _ENOUGH_PARALLAX)
+        value = min(len(pair.matches), ENOUGH_MATCHES) * min(pair.parallax, _ENOUGH_PARALLAX)
         strength.setdefault(pair.first, {})[pair.second] = value
         strength.setdefault(pair.second, {})[pair.first] = value
     if len(strength) <= most:

@@ -12,8 +12,10 @@ from gsut.data import list_some
 from gsut.gaussians import find_rotation_vectors
 from gsut.judge import SURE
 from gsut.judge.checks import PICTURE_CHECKS, PictureQuality, find_faults
+from gsut.least_squares import ROUNDS
+from gsut.run import Verdict
 from gsut.sfm.matches.matching import BATCH, OnPairs, PairMatches, RawMatches
-from gsut.sfm.matches.selection import FEW_IMAGES
+from gsut.sfm.matches.selection import ENOUGH_MATCHES, FEW_IMAGES
 from gsut.sfm.photographs import Features, Images, PosesOptions
 
 # Largest angle in radians between a pair's rotation and that of all images. Rotations of pairs are
@@ -21,11 +23,7 @@ from gsut.sfm.photographs import Features, Images, PosesOptions
 # angle.
 LARGEST_OFFSET = np.radians(45.0)
 _SCALE = np.radians(8.0)  # of the robust weights: the offset of an ordinary pair
-_ROUNDS = 10  # of the robust average: it has converged after five or six
-ENOUGH_MATCHES = 300  # of a pair, beyond which more say nothing more of it
 MIN_ANGLE_DEGREES = 1.5  # smallest triangulation angle of a point
-_ALMOST_NO_FEATURES = 50  # of an image without texture, out of focus or dark
-_POOR = 2  # severity of the faults that are named
 _DARK = 25  # mean grey value of the features of an underexposed picture, of 255
 _BRIGHT = 235  # mean grey value of the features of an overexposed picture, of 255
 _FEW_FEATURES = 500  # of a picture that is blurred, dark or without texture
@@ -104,7 +102,7 @@ def drop_contradicted(pairs: Sequence[PairMatches], count: int) -> list[PairMatc
     relative = np.array([pair.second_from_first[:3, :3] for pair in pairs])
     weights = np.array([float(min(len(pair.matches), ENOUGH_MATCHES)) for pair in pairs])
     rotations = _chain_rotations((first, second), relative, weights, count)
-    for _ in range(_ROUNDS):
+    for _ in range(ROUNDS):
         off = _measure_offsets(rotations, (first, second), relative)
         robust = weights / (1 + (np.linalg.norm(off, axis=1) / _SCALE) ** 2) ** 2
         laplacian = np.zeros((count, count))
@@ -167,7 +165,7 @@ def require_overlap(images: Images, pairs: Sequence[PairMatches], *, is_lens_kno
         few = [
             name
             for name, features in zip(images.names, images.features, strict=True)
-            if len(features) < _ALMOST_NO_FEATURES
+            if len(features) < FEWEST_MATCHES
         ]
         if len(few) * 2 > len(images):
             raise SolveError(
@@ -196,7 +194,7 @@ def explain_failure(
         advice: what else may help.
     """
     faults = find_faults(PICTURE_CHECKS, measure_pictures(features))
-    reasons = [f"{f.what}: {f.advice}" for f in faults if f.severity == _POOR]
+    reasons = [f"{f.what}: {f.advice}" for f in faults if Verdict.LEVELS[f.severity] == "poor"]
     if len(features) < FEW_IMAGES:
         reasons.append(f"{len(features)} images are few: take 20 or more")
     parallax = np.degrees(float(np.median([pair.parallax for pair in pairs] or [np.inf])))

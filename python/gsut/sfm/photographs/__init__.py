@@ -15,6 +15,10 @@ from gsut.sfm.photographs.features import (
 from gsut.sfm.photographs.fixed_pixels import mask_fixed_pixels
 from gsut.sfm.photographs.listing import (
     FEWEST_IMAGES,
+    FEWEST_OF_MODEL,
+    HELD_BY,
+    MOST_TRIED,
+    SAME_FOCAL,
     TANGENT,
     LensGroup,
     Photographs,

@@ -23,9 +23,6 @@ from gsut.sfm.photographs.stages import Stages
 
 DESCRIPTOR_LENGTH = 128  # of SIFT: 4 x 4 cells of 8 directions
 DESCRIPTOR_SCALE = 512  # length of a descriptor stored in bytes: SIFT's own convention
-# Distance to the nearest invalid pixel, in units of the keypoint's size, below which a keypoint
-# describes the edge of the lens' image circle instead of the scene.
-_EDGE_SIZES = 1.0
 # Pixels for each wanted feature up to which describing all keypoints is cheaper than building the
 # image pyramid a second time.
 _PIXELS_EACH = 300
@@ -344,7 +341,7 @@ def _choose_strongest(keypoints, most: int, mask: np.ndarray) -> list[int]:
     inside = [
         number
         for number, k in enumerate(keypoints)
-        if distance[int(k.pt[1] + 0.5), int(k.pt[0] + 0.5)] > _EDGE_SIZES * k.size
+        if distance[int(k.pt[1] + 0.5), int(k.pt[0] + 0.5)] > k.size
     ]
     if len(inside) > most:
         inside = sorted(inside, key=lambda number: -keypoints[number].response)[:most]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import math
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -22,8 +23,10 @@ from gsut.sfm.photographs.moments import read_turns
 FEWEST_IMAGES = 2  # that poses can be estimated from
 # Kannala-Brandt coefficients of a perspective lens: tan(x) / x = 1 + x^2/3 + 2 x^4/15 + ...
 TANGENT = (1 / 3, 2 / 15, 17 / 315, 62 / 2835)
-_MOST_CANDIDATES = 3  # of the database: each costs a trial of the lens search
-_SAME_LENS = 0.05  # relative difference of focal lengths below which lenses are one candidate
+FEWEST_OF_MODEL = 4  # that are worth a model of their own: fewer leave their lens open
+HELD_BY = 3  # of which any may be left out, and the others still hold a point
+MOST_TRIED = 3  # lenses: each costs a trial reconstruction
+SAME_FOCAL = 0.1  # difference of the logarithms of focal lengths of which one is tried
 
 
 @dataclasses.dataclass(frozen=True)
@@ -335,10 +338,10 @@ def _find_candidates(captured: dict[str, Any]) -> tuple[Camera, ...]:
         found.append(Camera("kannala_brandt", params, width, height))
     name = captured.get("camera")
     for profile in find_lenses(name, size=(width, height)) if name else ():
-        if len(found) > _MOST_CANDIDATES:
+        if len(found) > MOST_TRIED:
             break
         lens = profile.make_camera(width, height)
-        near = any(abs(lens.params[0] / c.params[0] - 1) < _SAME_LENS for c in found)
+        near = any(abs(math.log(lens.params[0] / c.params[0])) < SAME_FOCAL for c in found)
         if not (profile.doubts or near):
             found.append(lens)
     return tuple(found)

@@ -20,7 +20,7 @@ from gsut.files import read_json, register_reader, write_file
 from gsut.run import Verdict
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import find_frame_numbers
-from gsut.sfm.photographs import Photographs
+from gsut.sfm.photographs import HELD_BY, Photographs
 from gsut.sfm.report.page import REPORT, write_report
 from gsut.sfm.report.verdict import judge_solution, list_notes
 from gsut.sfm.rig import COVARIANCE_OF, write_rig_fit
@@ -158,9 +158,6 @@ def _format_colmap(
     return format_model_texts(model), notes
 
 
-_HELD_BY = 3  # images that observe a point, of which any may be left out
-
-
 def list_figures(
     solution: Solution, seconds: dict[str, float], notes: list[str], extra: dict[str, Any]
 ) -> dict[str, Any]:
@@ -175,7 +172,7 @@ def list_figures(
         if solution.registered[i]:
             mine = solution.observations[:, 1] == i
             if not in_order:
-                held = images_of_point[solution.observations[mine, 0]] >= _HELD_BY
+                held = images_of_point[solution.observations[mine, 0]] >= HELD_BY
                 row["points_held_without"] = int(held.sum())
             lengths = np.linalg.norm(solution.residuals[mine], axis=1)
             row["camera_from_world"] = solution.camera_from_world[i].tolist()

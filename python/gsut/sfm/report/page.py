@@ -11,6 +11,7 @@ from gsut.data import CAPTURE_FOLDER, STRIP
 from gsut.data.poses import find_centers
 from gsut.files import read_bytes, write_file
 from gsut.page import (
+    RING_DEGREES,
     Chart,
     Style,
     build_page,
@@ -19,13 +20,11 @@ from gsut.page import (
     render_template,
 )
 from gsut.run import Verdict
+from gsut.sampling import ENOUGH_SAMPLES, FEWEST_SAMPLES
 from gsut.sfm.solution import Solution
 
 REPORT = "report.html"
-_MOST_POINTS = 20000  # drawn: more only make the page larger
 _SHOWN_PERCENT = 97.0  # of the points, nearest first: far ones would shrink the rest
-_BIN_DEGREES = 5.0  # of the field angle, in the plot of residuals
-_FEWEST_IN_BIN = 10  # residuals, for a median and a percentile
 _CHARTS = """<div class="plots" style="grid-template-columns: repeat(auto-fit, minmax(20rem, 1fr))">
 {%- for chart in charts %}<img src="{{ chart.embed() }}" alt="{{ alt }}">{% endfor %}</div>"""
 _STRIP = """<h2>Pictures chosen</h2>
@@ -130,7 +129,7 @@ def _plot_scene(solution: Solution, rig: dict[str, Any] | None) -> list[Chart]:
     along = np.cross(down, across)
     far = np.linalg.norm(solution.points - middle, axis=1)
     keep = np.flatnonzero(far <= np.percentile(far, _SHOWN_PERCENT))
-    keep = keep[:: max(1, len(keep) // _MOST_POINTS)]
+    keep = keep[:: max(1, len(keep) // ENOUGH_SAMPLES)]
     points, colors = solution.points[keep] - middle, solution.colors[keep]
     cameras, frames = _group_by_rig(solution, rig)
     size = 0.03 * max(float(np.ptp(centers @ across)), float(np.ptp(centers @ along)), 1e-9)
@@ -173,18 +172,18 @@ def _plot_residuals(solution: Solution) -> list[Chart]:
     good = np.isfinite(lengths)
     degrees = np.degrees(solution.field_angles[good])
     lengths = lengths[good]
-    bins = np.floor(degrees / _BIN_DEGREES).astype(int)
+    bins = np.floor(degrees / RING_DEGREES).astype(int)
     middles, medians, upper = [0.0], [0.0], [0.0]
     for index in np.unique(bins):
         inside = lengths[bins == index]
-        if len(inside) < _FEWEST_IN_BIN:
+        if len(inside) < FEWEST_SAMPLES:
             continue
-        middles.append((index + 0.5) * _BIN_DEGREES)
+        middles.append((index + 0.5) * RING_DEGREES)
         medians.append(float(np.median(inside)))
         upper.append(float(np.percentile(inside, 90)))
     by_angle = Chart(
         "residual [px] by field angle: median and 90 %", "degrees from the axis",
-        (0.0, middles[-1] + _BIN_DEGREES), (0.0, 1.1 * max(upper) or 1.0),
+        (0.0, middles[-1] + RING_DEGREES), (0.0, 1.1 * max(upper) or 1.0),
     )  # fmt: skip
     x = np.array(middles[1:])
     by_angle.draw_line(x, np.array(upper[1:]), Style.MUTED, 1.5, dots=True)

@@ -41,7 +41,6 @@ def judge_solution(solution: Solution, features: Sequence[Features], found: Find
             lens_gap_px=found.lens_gap_px,
             focal_gap=found.focal_gap,
             readout_turn=solution.readout_turn,
-            motion=found.motion or "",
             look_alikes="" if alike is None else alike.explain(),
         )
     )

@@ -23,7 +23,6 @@ SHAKY = 1.5
 _TURNED_DEGREES = 0.1  # mean turn against the rig's that is reported
 _AXES = ("x (right)", "y (down)", "z (forward)")
 _NEARLY = 0.95  # cosine from which a direction is called by an axis
-_EXACT_PX = 0.2  # residuals below this are not reported: no photograph's features are that exact
 # Of poses.json, in place of the sentence for single images.
 COVARIANCE_OF = (
     "centre in the world, turn in the camera frame (radians); the rig's pose at one frame is "
@@ -157,7 +156,7 @@ def list_rig_notes(rig: Rig, figures: dict[str, Any]) -> list[str]:
         )
     notes += [note for note in map(describe_open, figures["cameras"]) if note is not None]
     before_px, after_px = figures["residual_alone_px"], figures["residual_px"]
-    if after_px > max(SHAKY * before_px, _EXACT_PX):
+    if after_px > SHAKY * before_px:
         notes.append(
             f"with one pose of the rig a frame the residuals are {after_px:.2f} px "
             f"(median), each image by itself has {before_px:.2f}: the images of one frame were "

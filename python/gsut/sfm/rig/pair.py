@@ -16,11 +16,10 @@ from gsut.sfm.mapping import Mapping
 from gsut.sfm.photographs import Photographs
 from gsut.sfm.rig.description import SHAKY
 from gsut.sfm.rig.fit import RIG, put_on_rig
-from gsut.sfm.rig.start import SAME_DEGREES
+from gsut.sfm.rig.start import FEWEST_FRAMES, SAME_DEGREES
 from gsut.sfm.solution import CENTER, LensFlag, Solution
 
 LENS_NAMES = ("front", "back")
-_FEWEST = 4  # frames of which both images have a pose
 # The solver takes lenses of equal parameters for one: the second differs in the last digits.
 _DIFFERENCE = 1e-9
 
@@ -44,8 +43,8 @@ def find_lens_pair(mapping: Mapping) -> Mapping:
     start = _find_back_from_front(alone, photographs)
     if start is None:
         mapping.log.note(
-            f"fewer than {_FEWEST} frames have poses of both lenses that agree: their images are "
-            "placed one by one, not as those of a rig"
+            f"fewer than {FEWEST_FRAMES} frames have poses of both lenses that agree: their images "
+            "are placed one by one, not as those of a rig"
         )
         return mapping
     lens = alone.cameras[0]
@@ -92,13 +91,13 @@ def _find_back_from_front(alone: Solution, photographs: Photographs) -> np.ndarr
         if len(rows[0]) and len(rows[1]):
             front, back = (alone.camera_from_world[row[0]] for row in rows)
             found.append(back @ invert_pose(front))
-    if len(found) < _FEWEST:
+    if len(found) < FEWEST_FRAMES:
         return None
     poses = np.array(found)
     apart = np.array([measure_rotation_angles(poses[:, :3, :3] @ pose[:3, :3].T) for pose in poses])
     middle = int(np.argmin(np.median(apart, axis=1)))
     good = apart[middle] <= math.radians(SAME_DEGREES)
-    if good.sum() < max(_FEWEST, len(poses) / 2):
+    if good.sum() < max(FEWEST_FRAMES, len(poses) / 2):
         return None
     result = np.eye(4)
     result[:3, :3] = find_nearest_rotation(poses[good, :3, :3].sum(axis=0))

@@ -20,7 +20,7 @@ from gsut.gaussians import (
 # was placed wrongly.
 SAME_DEGREES = 5.0
 _WRONG_DEGREES = 15.0  # median over all frames beyond which the rig is wrong
-_FEWEST_TURNS = 3  # frames that a mean turn is taken over
+FEWEST_FRAMES = 4  # that a mean turn is taken over
 
 
 @dataclasses.dataclass(frozen=True)
@@ -145,7 +145,7 @@ def _average_turns(turned: Mapping[tuple[int, int], list[np.ndarray]]) -> tuple[
     largest = (0.0, 0.0)
     for vectors in turned.values():
         kept = np.array([v for v in vectors if np.linalg.norm(v) <= SAME_DEGREES]).reshape(-1, 3)
-        if len(kept) < _FEWEST_TURNS:
+        if len(kept) < FEWEST_FRAMES:
             continue
         sigma = np.sqrt(kept.var(axis=0, ddof=1).sum() / len(kept))
         largest = max(largest, (float(np.linalg.norm(kept.mean(axis=0))), float(sigma)))

@@ -6,13 +6,13 @@ from collections.abc import Callable
 
 import numpy as np
 
+from gsut.least_squares import ROUNDS
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.shutter.readout import FlowReadout, estimate_readout_by_flow
 from gsut.sfm.solution import Solution
 
 LONGEST_READOUT = 0.05  # seconds: slower sensors are not used for video
 USUALLY_SHORT = 2.0  # factor by which the first estimate is usually too short
-_CORRECTIONS = 5  # of the readout time at most: the secant method converges in two or three
 _SETTLED = 0.03  # relative size of a correction that ends them
 _LEAST_SLOPE = 0.25  # share of what is missing that a correction is taken to reach at least
 
@@ -40,9 +40,9 @@ def correct_readout(
     """
     rates, spread = velocities
     time, slope, before = found.time, 1 / USUALLY_SHORT, None
-    for number in range(_CORRECTIONS):
+    for number in range(ROUNDS):
         text = f"lines read in {1000 * time:.1f} ms?"
-        mapping.log.show_share("shutter", 0.5 * number / _CORRECTIONS, text)
+        mapping.log.show_share("shutter", 0.5 * number / ROUNDS, text)
         moved = adjust(time)
         more = estimate_readout_by_flow(moved, rates, spread, moved.measure_line_times(), lens_free)
         if more is None:

@@ -18,6 +18,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from gsut.least_squares import ROUNDS
 from gsut.lens import Camera
 from gsut.sfm.lens import GROUPS, WeightedObservations, differentiate_by_turn, invert_scaled
 from gsut.sfm.solution import FEATURE_VARIANCE, Solution, transform_to_cameras
@@ -27,7 +28,6 @@ _LEAST_RELIABLE = 0.5  # larger errors of the velocities are not known well enou
 _FEWEST_CORNERS = 8  # of known depth: six unknowns and some to judge them by
 _NEAR = 0.08  # of the diagonal: farther points do not show the depth of a corner
 _NEAREST = 3  # points that the depth of a corner is taken from
-_ROUNDS = 10  # of robust weights: they have settled after five or six
 
 
 @dataclasses.dataclass(frozen=True)
@@ -195,7 +195,7 @@ def _fit_rate(
     # Shifts and turns of a size: the normal equations stay well scaled.
     size = np.array([1 / middle] * 3 + [1.0] * 3)
     weight = np.ones(len(matrix))
-    for _ in range(_ROUNDS):
+    for _ in range(ROUNDS):
         root = np.sqrt(weight)[:, None]
         left = (root[:, :, None] * matrix / size).reshape(-1, 6)
         found = np.linalg.lstsq(left, (root * speed).ravel(), rcond=None)[0] / size

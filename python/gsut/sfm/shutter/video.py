@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import Shutter, SolveError
+from gsut.judge import KEPT, SURE
 from gsut.lens import Camera
 from gsut.sfm.gyroscope import USUAL_READOUT, sharpen_rates
 from gsut.sfm.lens import GROUPS
@@ -30,12 +31,9 @@ from gsut.sfm.shutter.readout import (
 from gsut.sfm.solution import Adjustment, ReadoutMotion, Solution, measure_line_times
 
 _KNOWN = 0.1  # two standard deviations over the time, up to which the time counts as known
-_CLEAR = 4.0  # standard deviations from zero, below which there is no sign of a rolling shutter
-_KEPT = 0.95  # share of the images that must keep a pose
 _IMAGES = 30  # that the readout time is corrected on
 # Motion during a readout over the diagonal that is worth the time that training takes longer.
 _MATTERS = 1e-3
-_TRIED = 0.02  # seconds: a readout long enough for a wrong order to lose matches
 _OBLONG = 1.2  # ratio of a picture's sides from which it shows how the sensor was held
 
 
@@ -145,7 +143,7 @@ def find_video_shutter(mapping: Mapping) -> VideoShutter:
         )  # fmt: skip
     except SolveError:
         return nothing
-    kept = moved.num_registered >= _KEPT * solution.num_registered
+    kept = moved.num_registered >= KEPT * solution.num_registered
     return VideoShutter(moved, readout, signs) if kept else nothing
 
 
@@ -173,7 +171,7 @@ def _find_order_by_matches(mapping: Mapping, rates: np.ndarray) -> LineOrder | N
     pairs = [pair for pair in pairs if some[pair.first] and some[pair.second]]
 
     def adjust(shutter: Shutter | None) -> Solution:
-        return _adjust_trial(mapping, trial, rates, shutter, _TRIED)
+        return _adjust_trial(mapping, trial, rates, shutter, USUAL_READOUT)
 
     try:
         found = find_better_order(adjust, mapping.features, pairs, list_likely_shutters(camera))
@@ -182,7 +180,7 @@ def _find_order_by_matches(mapping: Mapping, rates: np.ndarray) -> LineOrder | N
     if found is None:
         return None
     shutter, share = found
-    return LineOrder(FlowReadout(share * _TRIED, math.inf), shutter, None)
+    return LineOrder(FlowReadout(share * USUAL_READOUT, math.inf), shutter, None)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -220,31 +218,24 @@ def find_line_order(
     if np.isfinite(rates).all(axis=1).sum() < GROUPS:
         return None, None
 
-    def estimate(ways: Sequence[Shutter], lengths: Sequence[float], lens: int = -1) -> _Trial:
+    def estimate(ways: Sequence[Shutter]) -> _Trial:
         shutters = [ways[each] for each in of_image]
-        is_same = len({way.direction for way in ways}) == 1 and set(lengths) == {1.0}
-        lines = None if is_same else ImageLines(shutters, np.array(lengths)[of_image])
-        own = np.where(((of_image == lens) | (lens < 0))[:, None], rates, np.nan)
+        is_same = len({way.direction for way in ways}) == 1
+        lines = None if is_same else ImageLines(shutters, np.ones(len(shutters)))
         found = estimate_readout_by_flow(
-            solution, own, spread, measure_line_times(solution, shutters, lines), lens_free,
+            solution, rates, spread, measure_line_times(solution, shutters, lines), lens_free,
         )  # fmt: skip
         return _Trial(found or FlowReadout(0.0, math.inf), list(ways), lines)
 
-    number = int(of_image.max()) + 1
     trials = [
-        estimate(ways, [1.0] * number)
+        estimate(ways)
         for forward in list_likely_shutters(solution.cameras[0])
-        for ways in _list_ways(forward, number)
+        for ways in _list_ways(forward, int(of_image.max()) + 1)
     ]
     best = max(trials, key=lambda each: each.found.clearness)
-    if number > 1:
-        lengths = _compare_lengths(
-            [estimate(best.ways, [1.0] * number, lens).found for lens in range(number)]
-        )
-        best = estimate(best.ways, lengths)
     found, camera = best.found, solution.cameras[0]
     signs = found.clearness
-    if signs < _CLEAR or abs(found.time) > LONGEST_READOUT:
+    if signs < SURE or abs(found.time) > LONGEST_READOUT:
         return None, signs
     flows = mapping.photographs.flows
     if not _has_enough_motion(USUALLY_SHORT * abs(found.time), flows, camera.width, camera.height):
@@ -279,20 +270,6 @@ def _list_ways(forward: Shutter, lenses: int) -> list[list[Shutter]]:
     if lenses == 1:
         return [alike]
     return [alike, [reverse_lines(forward) if lens % 2 else forward for lens in range(lenses)]]
-
-
-def _compare_lengths(single: Sequence[FlowReadout]) -> list[float]:
-    """Returns the length of each lens' readout over the longest one.
-
-    They differ only where they clearly do: two sensors of one camera are mostly alike.
-    """
-    clearest = max(single, key=lambda each: each.clearness)
-    lengths = []
-    for each in single:
-        gap = abs(abs(each.time) - abs(clearest.time))
-        differs = gap > _CLEAR * math.hypot(each.sigma, clearest.sigma)
-        lengths.append(max(abs((each if differs else clearest).time), 1e-12))
-    return [length / max(lengths) for length in lengths]
 
 
 def _choose_images(

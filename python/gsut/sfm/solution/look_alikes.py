@@ -20,7 +20,8 @@ from gsut._core import SolveError
 from gsut.data import list_some
 from gsut.data.poses import find_centers
 from gsut.sampling import ENOUGH_SAMPLES
-from gsut.sfm.matches import FEW_IMAGES, FEWEST_MATCHES, PairMatches
+from gsut.sfm.matches import ENOUGH_MATCHES, FEW_IMAGES, FEWEST_MATCHES, PairMatches
+from gsut.sfm.photographs import HELD_BY
 from gsut.sfm.solution.result import Solution, measure_agreement
 
 # Points are compared where both images see them from nearly the same side and distance, where
@@ -31,22 +32,16 @@ _MARGIN = 0.04  # of the image's sides, where features are often missed
 # Of the farthest point's distance, beyond which no two images are that near: law of cosines.
 _MOST_MOVED = np.sqrt(1 + _MOST_DISTANCE_RATIO**2 - 2 * _MOST_DISTANCE_RATIO * np.cos(_MOST_ANGLE))
 _GROUP_SIZE = 4  # an image with those that share most points with it
-_SEEN_BY = 3  # images of one group that must see a point, and of the other that may
-_MOST_POINTS_OF_IMAGE = 300  # compared: enough for a share to some percent
-_FEWEST_OF_EITHER = 8  # of them in the image that has fewer
 # Share of the expected points that are seen, in the mean over an image's pairs, below which the
 # image is doubted: true loops have 0.77 and more, half of the images of folded walks less than 0.6.
 _LEAST_SHARE = 0.6
-_FEWEST_PAIRS = 2  # of an image, for its share to count
 _FEWEST_DOUBTED = 3  # images, or pairs of few images, for a doubt at all
 _LEAST_OF_ALL = 0.1  # share of the comparable images that must be doubted, for a doubt at all
-_ROUNDS = 2  # of dropping joins and mapping again
 # The limits above for each two of few images, by their own matches: most are found from farther
 # apart.
 _MOST_ANGLE_OF_TWO = np.radians(12.0)
 _MOST_DISTANCE_RATIO_OF_TWO = 1.5
-_FEWEST_OF_TWO = 40  # points that the two must be able to compare
-_LEAST_MATCHED = 0.15  # share of them that two images of one place match
+_LEAST_MATCHED = 0.15  # share of what the two see alike that images of one place match
 _LEAST_LEFT = 0.2  # share of the images with a pose that must keep one, or nothing is dropped
 
 
@@ -133,9 +128,7 @@ def separate_look_alikes(
     times = None if is_few else times
     found = _gather_evidence(solution, times, near)
     least = _LEAST_LEFT * solution.num_registered
-    for _ in range(_ROUNDS):
-        if solve is None or not found.doubted.any():
-            break
+    while solve is not None and found.doubted.any():
         kept = [pair for pair in pairs if found.joined[pair.first, pair.second]]
         if len(kept) == len(pairs):
             break
@@ -204,12 +197,11 @@ def _gather_evidence(solution: Solution, times: np.ndarray | None, near: int) ->
     if times is not None:
         joined = np.abs(times[:, None] - times) <= near
     together = together | joined | _find_stays(expected + expected.T >= FEWEST_MATCHES, joined)
-    known = (expected + expected.T >= FEWEST_MATCHES) & ~together
-    known &= np.minimum(expected, expected.T) >= _FEWEST_OF_EITHER
+    known = (np.minimum(expected, expected.T) >= FEWEST_MATCHES // 2) & ~together
     shares = np.where(known, (seen + seen.T) / np.maximum(expected + expected.T, 1), np.nan)
     of_image = known.sum(axis=1)
     mean = np.where(known, shares, 0).sum(axis=1) / np.maximum(of_image, 1)
-    comparable = of_image >= _FEWEST_PAIRS
+    comparable = of_image > 1  # one alone may be an exception
     doubted = comparable & (mean < _LEAST_SHARE)
     if doubted.sum() < max(_FEWEST_DOUBTED, _LEAST_OF_ALL * comparable.sum()):
         doubted[:] = False
@@ -243,7 +235,7 @@ def _compare_matches(solution: Solution, pairs: list[PairMatches]) -> _Evidence:
         expected[image, other] = wanted.sum()
         seen[image, other] = np.isin(feature[wanted], matched.get((image, other), ())).sum()
     points = expected + expected.T
-    shares = np.where(points >= _FEWEST_OF_TWO, (seen + seen.T) / np.maximum(points, 1), np.nan)
+    shares = np.where(points >= 2 * FEWEST_MATCHES, (seen + seen.T) / np.maximum(points, 1), np.nan)
     matching = shares >= _LEAST_MATCHED
     joined = _find_stays(np.ones_like(matching), matching)
     apart = (shares < _LEAST_MATCHED) & ~joined
@@ -268,7 +260,7 @@ def _find_stays(same_place: np.ndarray, joined: np.ndarray) -> np.ndarray:
 def _sample_observations(solution: Solution) -> tuple[np.ndarray, np.ndarray]:
     """Returns (N, P) bool, which images observe some of the points, and these points (P,)."""
     views = np.bincount(solution.observations[:, 0], minlength=len(solution.points))
-    chosen = np.flatnonzero(views >= _SEEN_BY)
+    chosen = np.flatnonzero(views >= HELD_BY)
     chosen = chosen[:: max(1, -(-len(chosen) // ENOUGH_SAMPLES))]
     place = np.full(len(views), -1)
     place[chosen] = np.arange(len(chosen))
@@ -305,11 +297,11 @@ def _compare_views(
     images = np.flatnonzero(solution.registered & observed.any(axis=1))
     for image in images:
         in_view[image] = _is_in_view(solution, int(image), points)
-    stable = observed & (_count_in_groups(observed, groups) >= _SEEN_BY)
+    stable = observed & (_count_in_groups(observed, groups) >= HELD_BY)
     expected, seen = np.zeros((count, count)), np.zeros((count, count))
     for image in images:
         own = np.flatnonzero(stable[image])
-        own = own[:: max(1, len(own) // _MOST_POINTS_OF_IMAGE)]
+        own = own[:: max(1, len(own) // ENOUGH_MATCHES)]
         if not len(own):
             continue
         same_view = np.zeros((count, len(own)), bool)
@@ -319,7 +311,7 @@ def _compare_views(
         rays = points[own] - centers[close, None]
         alike = _is_seen_alike(ray, rays, _MOST_ANGLE, _MOST_DISTANCE_RATIO)
         same_view[close] = in_view[close][:, own] & alike
-        wanted = same_view & (_count_in_groups(same_view, groups) >= _SEEN_BY)
+        wanted = same_view & (_count_in_groups(same_view, groups) >= HELD_BY)
         found = _count_in_groups(observed[:, own], groups) > 0
         expected[image] = wanted.sum(axis=1)
         seen[image] = (wanted & found).sum(axis=1)

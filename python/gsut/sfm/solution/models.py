@@ -8,12 +8,9 @@ import numpy as np
 
 from gsut._core import SolveError
 from gsut.sfm.matches import PairMatches
-from gsut.sfm.photographs import Features, Images, PosesOptions
+from gsut.sfm.photographs import FEWEST_OF_MODEL, Features, Images, PosesOptions
 from gsut.sfm.solution.result import Solution
 from gsut.sfm.solution.solver import solve_poses
-
-_FEWEST_IMAGES = 4  # of a model: fewer are hardly worth a training
-_MOST_MODELS = 20  # beyond the first: more are fragments
 
 
 def find_further_models(
@@ -49,15 +46,15 @@ def solve_left_out(
     Yields:
         A model with an entry for every image, and the pairs that it was made from.
     """
-    for _ in range(_MOST_MODELS):
+    while True:
         own = [pair for pair in pairs if left[pair.first] and left[pair.second]]
-        if left.sum() < _FEWEST_IMAGES or not own:
+        if left.sum() < FEWEST_OF_MODEL or not own:
             return
         try:
             model = solve_poses(images, own, options)
         except SolveError:
             return
-        if model.num_registered < _FEWEST_IMAGES:
+        if model.num_registered < FEWEST_OF_MODEL:
             return
         left &= ~model.registered
         yield model, own

@@ -13,6 +13,7 @@ from gsut import _core
 from gsut._core import InputError
 from gsut.data.poses import find_centers
 from gsut.judge import SURE
+from gsut.least_squares import ROUNDS
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import PairMatches
 from gsut.sfm.photographs import DESCRIPTOR_LENGTH, Features
@@ -37,7 +38,6 @@ _ORIGIN_STEP = 1000.0
 _UPSIDE_DOWN = -0.5
 # Times as close as control points fit with x and y exchanged, before they are taken for exchanged.
 _MUCH_CLOSER = 3.0
-_ROUNDS = 5  # of a point's triangulation, whose distances settle in two or three
 
 
 def place_by_control(mapping: Mapping) -> Mapping:
@@ -189,7 +189,7 @@ def _triangulate(solution: Solution, seen: dict[int, np.ndarray]) -> tuple[np.nd
     )
     # The point to which rays make the least angles: nearest to them, each by its distance.
     across, weights = np.eye(3) - rays[:, :, None] * rays[:, None], np.ones(len(images))
-    for _ in range(_ROUNDS):
+    for _ in range(ROUNDS):
         weighted = weights[:, None, None] * across
         at = np.linalg.pinv(weighted.sum(axis=0)) @ np.einsum("nij,nj->i", weighted, centers)
         weights = 1 / np.maximum(np.sum((at - centers) ** 2, axis=1), np.finfo(float).tiny)

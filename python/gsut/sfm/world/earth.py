@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
 from gsut.data.poses import find_centers, move_poses
 from gsut.gaussians import rotate_upright
+from gsut.least_squares import ROUNDS
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.solution import Solution, similarity_from_points
 from gsut.sfm.world.place_priors import Adjust, adjust_near_places
@@ -23,8 +25,8 @@ from gsut.sfm.world.positions import (
     convert_to_east_north_up,
 )
 from gsut.sfm.world.up import (
-    FEWEST,
     MOST_TILT,
+    SAME_UP,
     find_held,
     find_measured_up,
     find_up,
@@ -35,8 +37,6 @@ _UP = (0.0, -1.0, 0.0)  # in the world, once it is known
 _UP_UNKNOWN = "not known"  # of the figure "up"
 _SAMPLES = 300  # pairs of places that an alignment is fitted to
 _MOST_OFF = 0.1  # median error over the path's size beyond which GPS gives no scale
-_FITTING = 0.6  # share of the places that must fit
-_TURN_UP = math.radians(10.0)  # that GPS may turn up against the cameras'
 _DRIFT = 0.3  # metres of GPS within minutes, in which places near in time err alike or are the same
 _UP_SIGMA = 0.01  # radians: GPS that determines up this well is used for it
 
@@ -86,7 +86,7 @@ def find_earth(
     measured, notes = find_measured_up(solution, ups or {}, up)
     if measured is not None:
         up, figures["up"] = measured, "by an accelerometer or gimbal"
-    if len(index) >= FEWEST:
+    if len(index) >= FEWEST_PLACES:
         given = np.array([places[solution.names[i]] for i in index])
         origin = np.median(given, axis=0)
         target = convert_to_east_north_up(given, origin) @ SCENE_FROM_EAST_NORTH_UP.T
@@ -203,7 +203,7 @@ def _align_with_gps(centers: np.ndarray, target: np.ndarray, up: np.ndarray | No
     height = float(np.median(target[good, 1] - scale * level[good, 1])) if good.any() else 0.0
     transform = (scale, rotation, np.array([shift[0], height, shift[1]]))
     full = _fit_full_similarity(centers, target, good, _UP_SIGMA if up is not None else MOST_TILT)
-    if full is not None and (up is None or _measure_up_angle(full[1], rotation) < _TURN_UP):
+    if full is not None and (up is None or _measure_up_angle(full[1], rotation) < SAME_UP):
         transform, turned_up = full, True
     elif up is None:
         words = (
@@ -211,7 +211,7 @@ def _align_with_gps(centers: np.ndarray, target: np.ndarray, up: np.ndarray | No
             "too small for GPS to show which way is up"
         )
         return _Aligned(None, False, figures, words)
-    if share > _MOST_OFF or good.mean() < _FITTING:
+    if share > _MOST_OFF:
         words = (
             f"GPS contradicts the cameras' path, which extends {way:.1f} m about its middle, by "
             f"{limit:.1f} m: GPS is too coarse or of another moment, or the poses are wrong; scale "
@@ -232,50 +232,48 @@ def _align_with_gps(centers: np.ndarray, target: np.ndarray, up: np.ndarray | No
 def _fit_level_similarity(
     source: np.ndarray, target: np.ndarray
 ) -> tuple[float, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Fits scale, turn about y (3, 3) and shift (2,) on the ground; returns errors and inliers too.
-
-    The pair of places with the least median error, then least squares of the places that fit.
-    """
+    """Fits scale, turn about y (3, 3) and shift (2,) on the ground; and errors, and who fits."""
     a, b = (rows[:, 0] + 1j * rows[:, 1] for rows in (source, target))
-    rng = np.random.default_rng(0)
-    least, best = math.inf, (1.0 + 0j, 0j)
-    for _ in range(_SAMPLES):
-        i, j = rng.choice(len(a), 2, replace=False)
-        if abs(a[i] - a[j]) < 1e-12:
-            continue
-        factor = (b[i] - b[j]) / (a[i] - a[j])
-        middle = b[i] - factor * a[i]
-        error = float(np.median(np.abs(factor * a + middle - b)))
-        if error < least:
-            least, best = error, (factor, middle)
-    factor, middle = best
-    for _ in range(5):
-        off = np.abs(factor * a + middle - b)
-        good = off <= 3 * max(float(np.median(off)), 1e-9)
-        x, y = a[good] - a[good].mean(), b[good] - b[good].mean()
+
+    def fit(rows: np.ndarray) -> tuple[complex, complex]:
+        x, y = a[rows] - a[rows].mean(), b[rows] - b[rows].mean()
         factor = (np.conj(x) @ y) / max(float((np.abs(x) ** 2).sum()), 1e-300)
-        middle = b[good].mean() - factor * a[good].mean()
-    off = np.abs(factor * a + middle - b)
-    good = off <= 3 * max(float(np.median(off)), 1e-9)
+        return factor, b[rows].mean() - factor * a[rows].mean()
+
+    def measure_distances(rows: np.ndarray) -> np.ndarray:
+        factor, middle = fit(rows)
+        return np.abs(factor * a + middle - b)
+
+    off, good = _find_fitting(measure_distances, len(a), 2)
+    factor, middle = fit(np.flatnonzero(good))
     cosine, sine = factor.real / abs(factor), factor.imag / abs(factor)
     yaw = np.array([[cosine, 0, -sine], [0, 1, 0], [sine, 0, cosine]])
     return abs(factor), yaw, np.array([middle.real, middle.imag]), off, good
 
 
 def _fit_robust_similarity(source: np.ndarray, target: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Fits a similarity in space to most places; returns the distances left (N,) and who fits.
-
-    The three places with the least median error, then least squares of the places that fit.
-    """
-    rng = np.random.default_rng(0)
+    """Fits a similarity in space to most places; returns the distances left (N,) and who fits."""
 
     def measure_distances(rows: np.ndarray) -> np.ndarray:
         scale, rotation, shift = similarity_from_points(source[rows], target[rows])
         return np.linalg.norm(scale * source @ rotation.T + shift - target, axis=1)
 
-    samples = [rng.choice(len(source), 3, replace=False) for _ in range(_SAMPLES)]
+    return _find_fitting(measure_distances, len(source), 3)
+
+
+def _find_fitting(
+    measure_distances: Callable[[np.ndarray], np.ndarray], count: int, fewest: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Finds who fits: the sample with the least median error, then those within three medians.
+
+    Args:
+        measure_distances: of all (N,) from a fit to some rows.
+        count, fewest: number of all, and of those that a fit needs.
+    """
+    rng = np.random.default_rng(0)
+    samples = [rng.choice(count, fewest, replace=False) for _ in range(_SAMPLES)]
     off = min(map(measure_distances, samples), key=lambda distances: float(np.median(distances)))
-    for _ in range(5):
+    for _ in range(ROUNDS):
         off = measure_distances(np.flatnonzero(off <= 3 * max(float(np.median(off)), 1e-9)))
     return off, off <= 3 * max(float(np.median(off)), 1e-9)
 
@@ -284,7 +282,7 @@ def _fit_full_similarity(
     source: np.ndarray, target: np.ndarray, good: np.ndarray, most_sigma: float
 ) -> tuple[float, np.ndarray, np.ndarray] | None:
     """Fits a similarity in space; None where the path shows up to a larger error in radians."""
-    if good.sum() < FEWEST:
+    if good.sum() < FEWEST_PLACES:
         return None
     found = similarity_from_points(source[good], target[good])
     scale, rotation, shift = found

@@ -14,6 +14,7 @@ import numpy as np
 
 from gsut._core import SolveError
 from gsut.data.poses import find_centers
+from gsut.judge import KEPT, SURE
 from gsut.lens import find_focal_params
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.solution import Adjustment, LensFlags, ReadoutMotion, Solution, StatedPlaces
@@ -26,10 +27,6 @@ _RESOLUTION = 0.1
 _FITTED = 4
 # Growth of the median residual above which images contradict the places.
 _MOST_WORSE = 1.1
-# Share of the points that the adjustment must keep.
-_KEPT = 0.9
-# Standard deviations within which half of the places must lie after the adjustment.
-_AGREE = 2.0
 
 
 # (mapping, solution, places, flags of lenses) -> solution near these places.
@@ -68,7 +65,7 @@ def adjust_near_places(mapping: Mapping, places: np.ndarray, adjust_rig: Adjust)
         after = find_centers(held.camera_from_world) - places
         own = held.registered & known
         far = np.abs(after[own] / stated.sigma).max(axis=1)
-        held = held if float(np.median(far)) <= _AGREE else None
+        held = held if float(np.median(far)) <= SURE else None
     gps = {**earth["gps"], "sigma_m": sigma, "in_adjustment": held is not None}
     mapping = mapping.add_findings({"earth": {**earth, "gps": gps}})
     if held is None:
@@ -122,7 +119,7 @@ def try_adjustment(
         return None
     agrees = (
         held.num_registered == solution.num_registered
-        and len(held.points) >= _KEPT * len(solution.points)
+        and len(held.points) >= KEPT * len(solution.points)
         and held.median <= _MOST_WORSE * solution.median
     )
     return held if agrees else None

@@ -28,7 +28,8 @@ _EARTH_RADIUS = 6378137.0  # metres, semi-major axis of WGS 84
 _ECCENTRICITY_2 = 6.69437999014e-3  # squared, of WGS 84
 # From east, north, up to the axes of a scene: x right, y down, z ahead.
 SCENE_FROM_EAST_NORTH_UP = np.array([[1.0, 0, 0], [0, 0, -1.0], [0, 1.0, 0]])
-FEWEST_PLACES = 5  # different ones: a similarity fits three, and nearly four, whatever they are
+# Different places, or orientations: a similarity fits three, and nearly four, whatever they are.
+FEWEST_PLACES = 5
 
 
 @dataclasses.dataclass(frozen=True)

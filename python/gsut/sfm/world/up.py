@@ -9,16 +9,14 @@ import numpy as np
 
 from gsut.orientation import count_turns, turn_camera
 from gsut.sfm.solution import Solution
+from gsut.sfm.world.positions import FEWEST_PLACES
 
 _ROLL = math.radians(5.0)  # standard deviation: people and drones hold cameras level
 _PITCH = math.radians(25.0)  # standard deviation: they look up and down
 _LEVELLED = math.radians(3.0)  # the same, of panoramas: 360-degree cameras level them
-_MOST_ROLL = math.radians(12.0)  # mean roll beyond which cameras were not held level
 _STRAIGHT = 0.1  # second over first extent of a path, below which its slope is that of GPS
-_MOST_SCATTER = math.radians(20.0)  # median angle between sensors' up and their mean
-_SAME_UP = math.radians(15.0)  # between two statements of up that agree
+SAME_UP = math.radians(15.0)  # between statements of up that agree
 MOST_TILT = 0.15  # radians: two standard deviations of up beyond which it is not known
-FEWEST = 6  # images with a place, or an orientation
 
 
 @dataclasses.dataclass(frozen=True)
@@ -41,7 +39,7 @@ class Held:
     def is_level(self, up: np.ndarray, sigma: float) -> bool:
         """Returns whether cameras were held level against `up`, and it is known."""
         roll = math.sqrt(max(0.0, float(up @ self.spread @ up)))
-        return roll <= math.sin(_MOST_ROLL) and 2 * sigma <= MOST_TILT
+        return roll <= math.sin(SAME_UP) and 2 * sigma <= MOST_TILT
 
 
 def find_held(solution: Solution, orientations: dict[str, int]) -> Held | None:
@@ -55,7 +53,7 @@ def find_held(solution: Solution, orientations: dict[str, int]) -> Held | None:
         ups.append(-shown[1, :3])
         levels.append(shown[0, :3])
     is_level = any(camera.model == "equirectangular" for camera in solution.cameras[:1])
-    if len(ups) < (1 if is_level else FEWEST):
+    if len(ups) < (1 if is_level else FEWEST_PLACES):
         return None
     mean = np.mean(ups, axis=0)
     length = float(np.linalg.norm(mean))
@@ -78,7 +76,7 @@ def find_measured_up(
         Up, None if it is not known, and notes on what disagrees.
     """
     index = [i for i, n in enumerate(solution.names) if solution.registered[i] and n in ups]
-    if len(index) < FEWEST:
+    if len(index) < FEWEST_PLACES:
         return None, []
     given = np.array([ups[solution.names[i]] for i in index])
     world = np.einsum("nji,nj->ni", solution.camera_from_world[index, :3, :3], given)
@@ -88,13 +86,13 @@ def find_measured_up(
     mean = world[angles <= max(2 * float(np.median(angles)), 1e-6)].mean(axis=0)
     mean /= max(float(np.linalg.norm(mean)), 1e-9)
     scatter = float(np.median(np.arccos(np.clip(world @ mean, -1, 1))))
-    if scatter > _MOST_SCATTER:
+    if scatter > SAME_UP:
         return None, [
             "the accelerometer or gimbal contradicts the poses and is not used: through them, what "
             f"it took for up scatters by {math.degrees(scatter):.0f} degrees (median); either the "
             "poses are wrong or it was not fixed to the camera"
         ]
-    if held is not None and held @ mean < math.cos(_SAME_UP):
+    if held is not None and held @ mean < math.cos(SAME_UP):
         off = math.degrees(math.acos(float(np.clip(held @ mean, -1, 1))))
         return mean, [
             f"the cameras were held {off:.0f} degrees from level, by the accelerometer or gimbal, "
