@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from gsut import _core
+from gsut import SolveError, _core
 from gsut.data.poses import find_centers
 from gsut.sfm.solution import adjust_registered
 from gsut.sfm.starts import second_start, try_other_starts
@@ -58,6 +58,13 @@ def test_each_start_begins_with_another_pair(flight, monkeypatch):
     monkeypatch.setattr(second_start, "solve_poses", find)
     try_other_starts(flight)
     assert len(begun) == 3 and len(set(begun)) == 3
+
+
+@pytest.mark.parametrize("left", [0, 1])
+def test_fewer_than_two_images_cannot_be_adjusted(flight, left):
+    few = dataclasses.replace(flight.solved, registered=np.arange(12) < left)
+    with pytest.raises(SolveError, match="fewer than two images"):
+        adjust_registered(few, flight.features, flight.pairs, flight.options)
 
 
 def test_a_right_solution_loses_no_match(flight):

@@ -150,11 +150,11 @@ def adjust_registered(
         adjustment: `motion` has one rate for each of all images.
 
     Raises:
-        SolveError: too few points agree with the poses.
+        SolveError: fewer than two images have a pose, or too few points agree with the poses.
     """
     chosen = np.flatnonzero(solution.registered)
-    if not len(chosen):
-        raise SolveError("no image has a pose to adjust")
+    if len(chosen) < 2:
+        raise SolveError("fewer than two images have a pose to adjust")
     images = Images(solution.names, solution.cameras, features, lines=solution.lines)
     images = images.select(chosen)
     poses = [solution.camera_from_world[i] for i in chosen]
