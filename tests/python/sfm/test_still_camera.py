@@ -1,11 +1,14 @@
 """A camera that turned or stood still is told from one that moved, however little."""
 
+import contextlib
 import dataclasses
 
 import numpy as np
 import pytest
 
 import gsut
+from gsut import SolveError
+from gsut.sfm.lens import still_camera
 from gsut.sfm.lens.still_camera import require_motion
 from gsut.sfm.matches.matching import RawMatches, match_images
 from gsut.sfm.photographs.listing import LensGroup
@@ -89,3 +92,16 @@ class StraightFlight(Synthetic):
 
 def test_straight_flight_over_a_plane_through_a_known_narrow_lens_is_not_refused():
     require_motion(match_scene(StraightFlight(np.random.default_rng(7)), True, 0.1))
+
+
+@pytest.mark.parametrize(("turned", "is_refused"), [(4, True), (3, True), (2, False)])
+def test_rotations_must_explain_most_pairs_not_most_matches(turned, is_refused):
+    matches = np.where(np.arange(4) < turned, 200, 40)  # two large pairs hold five in six
+    pair = np.repeat(np.arange(4), matches)
+    pixels = np.stack([np.zeros((len(pair), 2)), np.full((len(pair), 2), 20.0)])
+    fitted = np.arange(len(pair)) % 2 == 0
+    sample = still_camera._Sample(np.array([[0, 1]] * 4), pair, pixels, fitted)
+    turns = np.where(pair < turned, 0.1, 5.0)
+    expected = pytest.raises(SolveError, match="turned but did not move")
+    with expected if is_refused else contextlib.nullcontext():
+        still_camera._refuse_turns(sample, turns, np.full(len(pair), 0.1), 1.0)

@@ -150,7 +150,7 @@ def _try_lenses(
 
 
 def _refuse_turns(sample: _Sample, turns: np.ndarray, poses: np.ndarray, limit: float) -> None:
-    """Raises SolveError if rotations explain nearly as many matches as poses do.
+    """Raises SolveError if rotations explain nearly as many matches as poses do, of most pairs.
 
     Args:
         turns, poses: errors (M,) in pixels, of which those of every second match count.
@@ -160,7 +160,7 @@ def _refuse_turns(sample: _Sample, turns: np.ndarray, poses: np.ndarray, limit: 
     agree = [np.bincount(sample.pair[held & (e < limit)], minlength=total) for e in (turns, poses)]
     seen = np.maximum(*agree) >= FEWEST_MATCHES // 2  # as half of all are fitted
     explained, count = int(np.sum(seen & (agree[0] >= _EXPLAINED * agree[1]))), int(seen.sum())
-    if 2 * count < total or agree[0].sum() < _EXPLAINED * agree[1].sum():
+    if 2 * count < total or explained < _EXPLAINED * count:
         return
     pairs = f"{explained} of {count} pairs of images"
     pixels = f"to {float(np.median(turns[turns < limit])):.1f} px, so there is no depth"
