@@ -49,7 +49,7 @@ def check_given_lens(mapping: Mapping) -> Mapping:
         return mapping
     own = free.cameras[int(np.flatnonzero(free.registered)[0])]
     given, found = float(lens.params[find_focal_params(lens)[0]]), find_focal(free)
-    gap = measure_lens_difference(own, trial)
+    gap = measure_lens_difference(trial, own)
     figures: dict[str, float] = {"px": given}
     doubts: list[str] = []
     if gap > NOT_GOOD * measure_diagonal([lens]):
@@ -62,7 +62,7 @@ def check_given_lens(mapping: Mapping) -> Mapping:
         if not doubts:
             rough, doubts = _compare_with_rough_lenses(mapping, lens)
             if doubts:
-                gap, found = measure_lens_difference(rough, lens), float(rough.params[0])
+                gap, found = measure_lens_difference(lens, rough), float(rough.params[0])
     figures |= {"images_px": found, "difference_px": gap, "agrees": not doubts}
     mapping = mapping.add_findings({"given_lens": figures})
     if not doubts:
