@@ -52,7 +52,7 @@ def check_bits(scene: Scene) -> Iterator[Finding]:
     if bits is None:
         return
     yield Finding(
-        "error",
+        "warning" if bits == 14 else "error",  # a quarter of the range is dark, a 16th is none
         str(scene.path),
         f"the pictures have 16 bits a channel and values of up to {largest} of 65535: do they hold "
         f"{bits} bits?",

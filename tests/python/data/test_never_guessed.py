@@ -183,6 +183,13 @@ def test_twelve_bits_in_files_of_sixteen_are_refused_before_training(tmp_path):
     assert said.severity == "error" and "12 bits?" in said.what and "by 16" in said.advice
 
 
+def test_dark_files_of_sixteen_bits_are_not_refused(tmp_path):
+    write_sixteen_bits(tmp_path / "data", 64)
+    findings = check_scene(gsut.load_dataset(tmp_path / "data"))
+    (said,) = [f for f in findings if "bits a channel" in f.what]
+    assert said.severity == "warning" and "14 bits?" in said.what
+
+
 def test_files_that_use_their_sixteen_bits_are_not_refused(tmp_path):
     write_sixteen_bits(tmp_path / "data", 257)
     findings = check_scene(gsut.load_dataset(tmp_path / "data"))
