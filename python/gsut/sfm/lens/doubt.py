@@ -17,7 +17,7 @@ from gsut.sfm.lens.jackknife import (
     measure_lens_sigma,
     measure_pose_errors,
 )
-from gsut.sfm.lens.prior import weigh_focal_prior
+from gsut.sfm.lens.prior import find_lens, weigh_focal_prior
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.solution import LensFlags, Solution, StatedTurns, index_lenses
 
@@ -32,8 +32,7 @@ def judge_lens(mapping: Mapping) -> Mapping:
         return check_given_lens(mapping)
     sigma, known = _measure_focal_sigma(solution, flags, mapping.turns)
     if isinstance(flags, np.ndarray) and mapping.photographs.frames is None:
-        lens = solution.cameras[int(np.flatnonzero(solution.registered)[0])]
-        mapping = describe_center(mapping, lens, known[0] if known else None)
+        mapping = describe_center(mapping, find_lens(solution), known[0] if known else None)
     by_turns = mapping.found.figures.get("focal_prior")
     if by_turns is not None:
         sigma = by_turns["sigma_percent"] / 100

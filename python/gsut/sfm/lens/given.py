@@ -18,7 +18,7 @@ from gsut.sfm.lens.jackknife import (
     measure_focal_spread,
     measure_lens_sigma,
 )
-from gsut.sfm.lens.prior import find_focal
+from gsut.sfm.lens.prior import find_focal, find_lens
 from gsut.sfm.lens.ranking import ROUGH, LensRanking
 from gsut.sfm.lens.search import FIRST_IMAGES
 from gsut.sfm.mapping import Mapping
@@ -47,56 +47,55 @@ def check_given_lens(mapping: Mapping) -> Mapping:
         free = _adjust(mapping, trial, pairs, flags)
     except SolveError:  # nothing can be said
         return mapping
-    own = free.cameras[int(np.flatnonzero(free.registered)[0])]
     given, found = float(lens.params[find_focal_params(lens)[0]]), find_focal(free)
-    gap = measure_lens_difference(trial, own)
+    gap = measure_lens_difference(trial, find_lens(free))
     figures: dict[str, float] = {"px": given}
-    doubts: list[str] = []
+    doubt = ""
     if gap > NOT_GOOD * measure_diagonal([lens]):
         without = adjust_without_groups(mapping.replace(solution=free, pairs=pairs), flags)
         if without is not None and len(without) > 1:
             figures["images_sigma_percent"] = 100 * measure_focal_spread(without)
             figures["sigma_px"] = sigma = measure_lens_sigma(without)
             if gap > SURE * sigma:
-                doubts.append(f"standard deviation {sigma:.1f} px")
-        if not doubts:
-            rough, doubts = _compare_with_rough_lenses(mapping, lens)
-            if doubts:
+                doubt = f"standard deviation {sigma:.1f} px"
+        if not doubt:
+            rough, doubt = _compare_with_rough_lenses(mapping, lens)
+            if doubt:
                 gap, found = measure_lens_difference(lens, rough), float(rough.params[0])
-    figures |= {"images_px": found, "difference_px": gap, "agrees": not doubts}
+    figures |= {"images_px": found, "difference_px": gap, "agrees": not doubt}
     mapping = mapping.add_findings({"given_lens": figures})
-    if not doubts:
+    if not doubt:
         return mapping
     mapping.log.note(
         f"the photographs give a lens that differs by {gap:.1f} px over the picture from the given "
-        f"one ({doubts[0]}), with a focal length of {found:.1f} px for {given:.1f}; let the lens "
+        f"one ({doubt}), with a focal length of {found:.1f} px for {given:.1f}; let the lens "
         "be estimated with --unknown-lens, or give the lens that took them"
     )
     return mapping.add_findings(lens_gap_px=gap, focal_gap=found / given - 1)
 
 
-def _compare_with_rough_lenses(mapping: Mapping, lens: Camera) -> tuple[Camera, list[str]]:
+def _compare_with_rough_lenses(mapping: Mapping, lens: Camera) -> tuple[Camera, str]:
     """Finds the lens of the ladder through which most matches of two images agree.
 
     Returns:
-        It, and by how many it is better than the given one, if it is by three standard deviations
-        over pairs of images.
+        It, and by how many it is better than the given one; nothing where that is not by three
+        standard deviations over pairs of images.
     """
     factor = 1.0 if mapping.shutter is None else ROUGH
     ranking = LensRanking(mapping.features, mapping.raw, mapping.options, factor)
     ladder = list_lens_ladder(lens.width, lens.height, None)
-    rough = ranking.rank_lenses([], ladder, lambda *_: None)[0].camera
-    own, other = ranking.measure_shares(lens), ranking.measure_shares(rough)
+    best = ranking.rank_lenses([], ladder, lambda *_: None)[0]
+    rough, own, other = best.camera, ranking.measure_shares(lens), best.shares
     gains = other - own
     if len(gains) < 2 or gains.mean() <= 0:
-        return rough, []
+        return rough, ""
     t = gains.mean() * math.sqrt(len(gains)) / max(gains.std(ddof=1), TINY)
     if convert_to_normal(t, len(gains) - 1) <= SURE:
-        return rough, []
-    return rough, [
+        return rough, ""
+    return rough, (
         f"{100 * own.mean():.0f} % of the matches of two images agree through the given one, "
         f"{100 * other.mean():.0f} % through a rough one"
-    ]
+    )
 
 
 def _free_lens(lens: Camera) -> tuple[Camera, np.ndarray]:

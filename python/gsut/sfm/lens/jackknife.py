@@ -19,7 +19,7 @@ from gsut.judge import MEDIAN_DEVIATION
 from gsut.sfm.lens.covariance import estimate_focal_spread
 from gsut.sfm.lens.differences import measure_lens_difference, measure_pose_differences
 from gsut.sfm.lens.information import GROUPS
-from gsut.sfm.lens.prior import find_focal
+from gsut.sfm.lens.prior import find_focal, find_lens
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import keep_most_distinct
 from gsut.sfm.solution import (
@@ -115,6 +115,6 @@ def measure_lens_sigma(without: Sequence[Solution]) -> float:
         without: two or more, see `adjust_without_groups`.
     """
     count = len(without)
-    lenses = [each.cameras[int(np.flatnonzero(each.registered)[0])] for each in without]
+    lenses = [find_lens(each) for each in without]
     squared = [measure_lens_difference(*two) ** 2 for two in itertools.combinations(lenses, 2)]
     return (count - 1) * math.sqrt(np.mean(squared) / (2 * count))

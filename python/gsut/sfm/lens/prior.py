@@ -9,7 +9,7 @@ import numpy as np
 
 from gsut._core import SolveError
 from gsut.judge import SURE
-from gsut.lens import FocalPrior, find_focal_params, with_scaled_focal
+from gsut.lens import Camera, FocalPrior, find_focal_params, with_scaled_focal
 from gsut.sfm.lens.candidates import guess_lens
 from gsut.sfm.lens.information import GROUPS
 from gsut.sfm.mapping import Mapping
@@ -91,9 +91,14 @@ def _find_prior(mapping: Mapping) -> FocalPrior | None:
     return FocalPrior(photographs.exif_focal_px, photographs.focal_sigma, "EXIF")
 
 
+def find_lens(solution: Solution) -> Camera:
+    """Finds the one lens of the images that have a pose."""
+    return solution.cameras[int(np.flatnonzero(solution.registered)[0])]
+
+
 def find_focal(solution: Solution) -> float:
     """Returns the focal length in pixels that the one lens of a solution has."""
-    camera = solution.cameras[int(np.flatnonzero(solution.registered)[0])]
+    camera = find_lens(solution)
     return float(camera.params[find_focal_params(camera)[0]])
 
 

@@ -23,10 +23,15 @@ _ENOUGH_SPREAD = 0.06
 
 @dataclasses.dataclass(frozen=True)
 class RankedLens:
-    """A lens and the share of matches that agree with one relative pose a pair through it."""
+    """A lens and the share (P,) of each pair's matches that agree with one pose through it."""
 
     camera: Camera
-    share: float
+    shares: np.ndarray
+
+    @property
+    def share(self) -> float:
+        """Returns the mean share."""
+        return float(self.shares.mean()) if len(self.shares) else 0.0
 
 
 class LensRanking:
@@ -71,11 +76,6 @@ class LensRanking:
         self._error = error_factor * options.max_two_view_error / 1000
         self._seed = options.seed
 
-    def measure_share(self, camera: Camera) -> float:
-        """Returns the mean share of the matches that agree through this lens."""
-        shares = self.measure_shares(camera)
-        return float(shares.mean()) if len(shares) else 0.0
-
     def measure_shares(self, camera: Camera) -> np.ndarray:
         """Returns the share (P,) of each pair's matches that agree through this lens."""
         bearings = [_core.ImageBearings(camera, pixels) for pixels in self._pixels]
@@ -109,7 +109,7 @@ class LensRanking:
         candidates = [*likely, *others]
         ranked = []
         for done, camera in enumerate(candidates, 1):
-            ranked.append(RankedLens(camera, self.measure_share(camera)))
+            ranked.append(RankedLens(camera, self.measure_shares(camera)))
             on_lens(done, len(candidates))
         favour = {camera: _FAVOUR for camera in likely}
         return sorted(ranked, key=lambda lens: -lens.share * favour.get(lens.camera, 1.0))
