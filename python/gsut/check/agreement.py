@@ -16,7 +16,6 @@ from gsut.judge import SURE
 _SHUFFLES = 4  # of each pair: their mean is what chance explains
 _CLOSED = 5.0  # degrees that three turns around a triple may miss: several errors of a turn
 _REPEATED = 0.3  # of the pairs of right poses, that repeated things make contradict, at most
-_RARE = 0.01  # chance of as many contradictions, below which the poses are wrong
 _FEW = 5  # cameras for each one that may stand far away
 
 
@@ -90,7 +89,7 @@ class Agreement:
             math.comb(count, k) * _REPEATED**k * (1 - _REPEATED) ** (count - k)
             for k in range(against, count + 1)
         )
-        return against > 0 and chance < _RARE
+        return against > 0 and chance < math.erfc(SURE / math.sqrt(2))
 
 
 def find_agreement(evidence: Evidence) -> Agreement:

@@ -15,7 +15,6 @@ from gsut.data.poses import OPENGL_FROM_OPENCV
 from gsut.judge import (
     MOMENTS,
     SURE,
-    TINY,
     Dataset,
     Matches,
     Structure,
@@ -31,7 +30,6 @@ _FEWEST_SHARED = 6  # features that three images share, from which their scales 
 _SAMPLE = 800  # matches, and shared features, by which hypotheses are tried: enough to choose
 _FITTING = 0.5  # share of right matches, before anything is known of it
 _NOISE = 1.5e-3  # of the diagonal: about a pixel of the small images that features are sought in
-_STEP_PX = 0.01  # of differences between rays: small beside a pixel, large beside rounding
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -86,6 +84,11 @@ class Evidence:
         return _NOISE * self.diagonal
 
     @property
+    def best_score(self) -> float:
+        """Returns the score of a group of images all of whose matches fit exactly."""
+        return float(self._score_errors(np.zeros(1))[0])
+
+    @property
     def tolerance(self) -> float:
         """Returns the error in pixels beyond which a match is wrong, whatever the others are."""
         return SURE * self.noise
@@ -100,17 +103,17 @@ class Evidence:
         And (2, M) the pixels that a radian covers there.
         """
         of_view = self.given.lens[self.views]
-        steps = np.array([[0.0, 0.0], [_STEP_PX, 0.0], [0.0, _STEP_PX]])[:, None, None]
-        pixels = self.pixels + steps
-        rays = np.full((*pixels.shape[:-1], 3), np.nan)
+        rays, density = (
+            np.full((*self.pixels.shape[:-1], 3), np.nan),
+            np.full(of_view.shape, np.nan),
+        )
         for number in np.unique(of_view):
-            rows = of_view == number
-            found, valid = cameras[number].unproject(pixels[:, rows].reshape(-1, 2))
-            found = np.where(np.asarray(valid)[:, None], found, np.nan)
-            rays[:, rows] = found.reshape(3, -1, 3)
-        x, y = (rays[1:] - rays[0]) / _STEP_PX
-        area = np.linalg.norm(np.cross(x, y), axis=-1)
-        return rays[0], 1 / np.sqrt(np.maximum(area, TINY))
+            rows, camera = of_view == number, cameras[number]
+            found, valid = camera.unproject(self.pixels[rows])
+            rays[rows] = found = np.where(np.asarray(valid)[:, None], found, np.nan)
+            x, y = np.moveaxis(camera.project_jacobian(found, with_params=False)[0], 1, 0)
+            density[rows] = np.sqrt(np.linalg.norm(np.cross(x, y), axis=1))
+        return rays, density
 
     def measure_errors(self, data: Dataset) -> np.ndarray:
         """Measures how far the matches, then shared features, are from what a dataset says.

@@ -14,7 +14,6 @@ from gsut.data import Scene, list_some
 from gsut.judge import HYPOTHESES, Hypothesis, Variant, find_best_variants, prefer
 
 _POOR = 0.4  # share of the matches that a dataset explains: with less it is wrong
-_GROSS = 0.8  # likewise: with more there is no gross mistake
 _ALIKE = 0.9  # of the best hypothesis's gain: a hypothesis that gains this share explains the same
 _LEAST_GAIN = 0.05  # nats a match that a hypothesis must gain: less are errors that images share
 _SAME = 1e-3  # nats a match: groups of images that differ by less are not touched
@@ -68,7 +67,7 @@ def check_photographs(scene: Scene, evidence: Evidence | None) -> list[Finding]:
     shares = evidence.find_shares(evidence.given)
     share = float(np.mean(shares))
     agreement = find_agreement(evidence) if shares.min() < _POOR else None
-    found = find_explanation(evidence, share < _GROSS)
+    found = find_explanation(evidence)
     fitting = [pair for pair, fits in zip(evidence.pairs, shares > _POOR, strict=True) if fits]
     far = name_far_views(scene, {view for pair in fitting for view in (pair.first, pair.second)})
     wrong = agreement is not None and agreement.is_contradiction
@@ -77,14 +76,15 @@ def check_photographs(scene: Scene, evidence: Evidence | None) -> list[Finding]:
     return far or _describe_agreement(evidence, share, agreement)
 
 
-def find_explanation(evidence: Evidence, is_poor: bool) -> Explanation | None:
+def find_explanation(evidence: Evidence) -> Explanation | None:
     """Finds the hypothesis that explains the photographs best; of those alike the likelier.
 
     None where no hypothesis is sure. Where one is, another that explains more is named.
     """
     given, found = evidence.given, []
     current, structure = evidence.score(given), evidence.make_structure(given)
-    for row, variant in find_best_variants(HYPOTHESES, given, evidence.sample.score, is_poor):
+    can_be_gross = evidence.best_score - float(np.mean(current)) > _PLAIN
+    for row, variant in find_best_variants(HYPOTHESES, given, evidence.sample.score, can_be_gross):
         rival = evidence.make_structure(variant.data, row.free)
         scores = evidence.score(variant.data)
         wins = prefer(structure, rival, evidence.matches).is_rival

@@ -9,7 +9,8 @@ from typing import Any
 from gsut.judge.checks.check import Check, judge
 from gsut.run import Verdict
 
-# Share of bad pictures above which the others no longer make up for them.
+# Share of bad pictures, or of a picture's matches that poses reject, above which the others no
+# longer make up for them.
 MANY = 0.25
 _MOST = 0.75  # the same above which a result is poor
 

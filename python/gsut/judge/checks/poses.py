@@ -8,7 +8,7 @@ from collections.abc import Mapping
 
 from gsut.data import list_some
 from gsut.judge.checks.check import DIAGONAL, GOOD_PX, USABLE_PX, Check, judge
-from gsut.judge.checks.pictures import PICTURE_CHECKS, PictureQuality
+from gsut.judge.checks.pictures import MANY, PICTURE_CHECKS, PictureQuality
 from gsut.judge.preference import MEDIAN_DEVIATION
 from gsut.run import Verdict
 
@@ -17,12 +17,10 @@ _FOCAL_LIMIT = 0.02
 # Share of the verified matches that observe one point, below which a given lens may be the cause of
 # what is wrong; repeated things lower it too.
 _FEW_AGREE = 0.4
-_SOME_LOST = 0.05  # share of the images without a pose above which a result is usable at most
-_MANY_LOST = 0.4  # the same above which it is poor
-# Share of the pairs that poses reject, and of their matches that some image loses with these, above
-# which poses are wrong. Where things repeat, right poses reject pairs, of few matches.
-_PAIRS_REJECTED = 0.05
-_IMAGE_REJECTED = 0.25
+# Share of the images without a pose, or of the pairs that poses reject, above which a result is
+# usable at most. Where things repeat, right poses reject pairs, of few matches.
+_SOME_LOST = 0.05
+_MANY_LOST = 0.4  # share of the images without a pose above which it is poor
 _FEWEST = 6  # images with a pose: with fewer, hardly anything would show that poses are wrong
 # Root mean square turn of images during their readout, in radians, that is more than hands turn a
 # camera: the scene may have bent (Albl et al., "Degeneracies in rolling shutter SfM", ECCV 2016).
@@ -86,7 +84,7 @@ class PosesQuality(PictureQuality):
     def rejected(self) -> float:
         """Returns the largest share of an image's matches in rejected pairs, if these are many."""
         lost = max(self.contradicted_images.values(), default=0.0)
-        return lost if self.contradicted > _PAIRS_REJECTED else 0.0
+        return lost if self.contradicted > _SOME_LOST else 0.0
 
     @property
     def lens_px(self) -> float:
@@ -171,10 +169,10 @@ POSES_CHECKS: tuple[Check[PosesQuality], ...] = (
         _ADD_TURNED,
     ),
     Check(
-        "rejected pairs", lambda q: q.rejected, _IMAGE_REJECTED, _IMAGE_REJECTED,
+        "rejected pairs", lambda q: q.rejected, MANY, MANY,
         lambda q: f"the poses reject all matches of {100 * q.contradicted:.0f} % of the pairs of "
         "images, above all of " + list_some(
-            [name for name, lost in q.contradicted_images.items() if lost > _IMAGE_REJECTED]
+            [name for name, lost in q.contradicted_images.items() if lost > MANY]
         ),
         _choose_step_on_matches,
     ),

@@ -8,17 +8,17 @@ import numpy as np
 
 from gsut._core import exp_pose
 from gsut.gaussians import find_rotation_vectors, rotations_from_quaternions
-from gsut.judge import list_signed_permutations
+from gsut.judge import MEDIAN_DEVIATION, list_signed_permutations
 from gsut.least_squares import ROUNDS
 from gsut.sfm.gyroscope.curve import TurnCurve, exp_quaternions
 
-# Unknowns of a calibration: bias (3), scale, axes (3), time offset.
-UNKNOWNS = 8
 # Standard deviation of a component of the bias, rad/s: of sensors that were not at rest before.
 BIAS_SIGMA = 0.02
 # Standard deviations of changes while the calibration is found: rad/s; a share, since the focal
 # length may be as wrong; radians between a sensor and the picture; seconds.
 _SIGMAS = np.array([*[BIAS_SIGMA] * 3, 0.2, 0.2, 0.2, 0.2, 0.2])
+# Unknowns of a calibration: bias (3), scale, axes (3), time offset.
+UNKNOWNS = len(_SIGMAS)
 # Seconds: offsets that are tried, and their steps, in which nobody turns far.
 _LONGEST_OFFSET = 0.3
 _STEP = 0.01
@@ -26,8 +26,6 @@ _STEP = 0.01
 _LEAST_SIGMA = 1e-4
 # Standard deviations beyond which a turn is taken for a wrong pose.
 WRONG = 5.0
-# Median of the squared length of three normal numbers of variance 1.
-_MEDIAN_SQUARE = 2.366
 
 
 @dataclasses.dataclass(frozen=True)
@@ -112,7 +110,7 @@ def calibrate_turns(
         scale = float(change[3])
         axes = np.asarray(exp_pose([0, 0, 0, *change[4:7]]))[:3, :3] @ axes
         offset += float(change[7])
-    used = known & (np.sum(left**2, axis=1) < (WRONG * sigma) ** 2 * 3)
+    used = known & (np.sum(left**2, axis=1) < 3 * (WRONG * sigma) ** 2)
     total = float(np.sum(vectors[used] ** 2))
     return TurnCalibration(
         recorded, by_unknowns, used, bias, 1 / (1 + scale), axes, offset,
@@ -136,9 +134,8 @@ def _solve(
     rows = by_unknowns[known]
     for _ in range(ROUNDS):
         left = off - by_unknowns @ change
-        squared = np.sum(left[known] ** 2, axis=1)
-        sigma = max(float(np.sqrt(np.median(squared) / _MEDIAN_SQUARE)), _LEAST_SIGMA)
-        weight = 1 / (sigma**2 + squared / _MEDIAN_SQUARE)
+        sigma = max(MEDIAN_DEVIATION * float(np.median(np.abs(left[known]))), _LEAST_SIGMA)
+        weight = 1 / (sigma**2 + np.mean(left[known] ** 2, axis=1))
         normal = np.einsum("p,pij,pik->jk", weight, rows, rows) + np.diag(_SIGMAS**-2.0)
         change = np.linalg.solve(normal, np.einsum("p,pij,pi->j", weight, rows, off[known]))
     return change, off - by_unknowns @ change, sigma, normal

@@ -10,6 +10,7 @@ import numpy as np
 
 from gsut._core import SolveError
 from gsut.gaussians import find_rotation_vectors
+from gsut.judge import KEPT
 from gsut.sfm.gyroscope.calibration import BIAS_SIGMA, TurnCalibration, calibrate_turns
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.solution import (
@@ -21,8 +22,6 @@ from gsut.sfm.solution import (
     compare_solutions,
 )
 
-# Share of the variance of the poses' turns from which a record speaks of the same camera.
-_EXPLAINS = 0.9
 # Share of the pairs of pictures that must agree with it, and of the poses that must stay near it.
 _AGREE = 0.8
 # Standard deviation of the scale of a camera's gyroscope, which its maker calibrates.
@@ -156,7 +155,7 @@ def _calibrate_records(mapping: Mapping) -> dict[str, TurnCalibration] | None:
 
 def _is_fitting(calibration: TurnCalibration) -> bool:
     agreeing = float(np.mean(calibration.used))
-    return calibration.explained >= _EXPLAINS and agreeing >= _AGREE
+    return calibration.explained >= KEPT and agreeing >= _AGREE
 
 
 def list_times(mapping: Mapping) -> np.ndarray:

@@ -10,16 +10,14 @@ import math
 
 import numpy as np
 
+from gsut.sfm.learned.network import ALONE
 from gsut.sfm.learned.weights import VARIANCE_FLOOR, Weights
 from gsut.sfm.photographs import Features
 
 MOST_MATCHED = 1000  # features of a picture, the best: the cost grows with the square
-_LAYERS = 6
-_CHANNELS = 96
 _LEAST_CERTAINTY = 0.1  # of a match: the probability at which the authors cut
-# Rows and columns of a block of a product: of so few, OpenBLAS uses one thread up to _CHANNELS * 2
-# inner terms, and so gives the same bits on any number.
-_BLOCK = 36
+# Rows, columns and inner terms of a block of a product; see `ALONE`.
+_BLOCK = round(ALONE ** (1 / 3))
 
 
 def match_by_attention(
@@ -40,14 +38,15 @@ def match_by_attention(
     both = one, other
     x = [_apply(weights, _restore_values(each), "input_proj") for each in both]
     waves = [_encode_places(weights, e, turn) for e, turn in zip(both, turns, strict=True)]
-    for layer in range(_LAYERS):
+    layers = weights.count_layers("transformers")
+    for layer in range(layers):
         name = f"transformers.{layer}"
         x = [
             _add_self_attention(weights, *each, f"{name}.self_attn")
             for each in zip(x, waves, strict=True)
         ]
         x = _add_cross_attention(weights, x, f"{name}.cross_attn")
-    return _assign(weights, x, f"log_assignment.{_LAYERS - 1}")
+    return _assign(weights, x, f"log_assignment.{layers - 1}")
 
 
 def _restore_values(features: Features) -> np.ndarray:
@@ -75,11 +74,9 @@ def _add_self_attention(
     weights: Weights, x: np.ndarray, waves: np.ndarray, name: str
 ) -> np.ndarray:
     """Adds to features (N, 96) what they learn of the others in their picture."""
-    query, key, value = np.moveaxis(
-        _apply(weights, x, f"{name}.Wqkv").reshape(len(x), _CHANNELS, 3), 2, 0
-    )
+    query, key, value = np.moveaxis(_apply(weights, x, f"{name}.Wqkv").reshape(*x.shape, 3), 2, 0)
     query, key = (_rotate(each, waves) for each in (query, key))
-    share = _compute_softmax(_multiply(query, key.T) / np.float32(math.sqrt(_CHANNELS)))
+    share = _compute_softmax(_multiply(query, key.T) / np.float32(math.sqrt(x.shape[1])))
     message = _apply(weights, _multiply(share, value), f"{name}.out_proj")
     return _add_message(weights, x, message, name)
 
@@ -88,7 +85,7 @@ def _add_cross_attention(weights: Weights, x: list[np.ndarray], name: str) -> li
     """Adds to features of both pictures what they learn of those of the other."""
     one, other = (_apply(weights, each, f"{name}.to_qk") for each in x)
     values = [_apply(weights, each, f"{name}.to_v") for each in x]
-    likeness = _multiply(one, other.T) / np.float32(math.sqrt(_CHANNELS))
+    likeness = _multiply(one, other.T) / np.float32(math.sqrt(one.shape[1]))
     shares = _compute_softmax(likeness), _compute_softmax(likeness.T)
     read = [_multiply(shares[0], values[1]), _multiply(shares[1], values[0])]
     return [
@@ -111,7 +108,8 @@ def _add_message(weights: Weights, x: np.ndarray, message: np.ndarray, name: str
 def _assign(weights: Weights, x: list[np.ndarray], name: str) -> np.ndarray:
     """Returns the features of both that are each other's most certain match."""
     one, other = (
-        _apply(weights, each, f"{name}.final_proj") / np.float32(_CHANNELS**0.25) for each in x
+        _apply(weights, each, f"{name}.final_proj") / np.float32(each.shape[1] ** 0.25)
+        for each in x
     )
     can = [-np.logaddexp(0, -_apply(weights, each, f"{name}.matchability")) for each in x]
     likeness = _multiply(one, other.T)
@@ -134,8 +132,8 @@ def _multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     n, m = len(a), b.shape[1]
     rows, columns = -(-n // _BLOCK), -(-m // _BLOCK)
     total = np.zeros((rows, columns, _BLOCK, _BLOCK), np.float32)
-    for at in range(0, a.shape[1], 2 * _CHANNELS):
-        part = slice(at, at + 2 * _CHANNELS)
+    for at in range(0, a.shape[1], _BLOCK):
+        part = slice(at, at + _BLOCK)
         left = np.zeros((rows * _BLOCK, a[:, part].shape[1]), np.float32)
         right = np.zeros((len(b[part]), columns * _BLOCK), np.float32)
         left[:n], right[:, :m] = a[:, part], b[part]

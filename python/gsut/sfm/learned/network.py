@@ -15,7 +15,7 @@ from gsut.sfm.learned.weights import VARIANCE_FLOOR, Weights
 CELL = 8  # pixels of a cell of the maps
 MULTIPLE = 32  # of which the sides of a picture are multiples: the coarsest level has one cell each
 # Multiplications up to which OpenBLAS uses one thread, and so gives the same bits on any number.
-_ALONE = 2**18
+ALONE = 2**18
 
 
 @dataclasses.dataclass(frozen=True)
@@ -82,9 +82,9 @@ def _convolve(x: np.ndarray, kernels: np.ndarray, bias: np.ndarray, stride: int)
 
 
 def _multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Returns the product (i, k) of a (i, j) and b (j, k), in parts of `_ALONE`."""
+    """Returns the product (i, k) of a (i, j) and b (j, k), in parts of `ALONE`."""
     product = np.empty((len(a), b.shape[1]), np.float32)
-    step = max(1, _ALONE // a.size)
+    step = max(1, ALONE // a.size)
     for at in range(0, b.shape[1], step):
         product[:, at : at + step] = a @ b[:, at : at + step]
     return product

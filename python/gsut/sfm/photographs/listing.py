@@ -20,7 +20,7 @@ from gsut.lens import Camera, LensProfile, find_lens, find_lenses, is_lens_name,
 from gsut.lens.files import camera_from_values
 from gsut.sfm.photographs.moments import read_turns
 
-FEWEST_IMAGES = 2  # that poses can be estimated from
+FEWEST_IMAGES = 2  # that poses, or a point, can be estimated from
 # Kannala-Brandt coefficients of a perspective lens: tan(x) / x = 1 + x^2/3 + 2 x^4/15 + ...
 TANGENT = (1 / 3, 2 / 15, 17 / 315, 62 / 2835)
 FEWEST_OF_MODEL = 4  # that are worth a model of their own: fewer leave their lens open

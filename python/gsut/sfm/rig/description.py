@@ -20,7 +20,6 @@ from gsut.sfm.solution import Solution
 # Growth of the median residual with one pose a frame that contradicts a rig: as in `gsut
 # calibrate`, where boards show that images were not taken together.
 SHAKY = 1.5
-_TURNED_DEGREES = 0.1  # mean turn against the rig's that is reported
 _AXES = ("x (right)", "y (down)", "z (forward)")
 _NEARLY = 0.95  # cosine from which a direction is called by an axis
 # Of poses.json, in place of the sentence for single images.
@@ -163,12 +162,10 @@ def list_rig_notes(rig: Rig, figures: dict[str, Any]) -> list[str]:
             "not taken together, or the rig is not as "
             + ("rigid as assumed" if figures["refined"] else f"{rig.source} says; try --refine-rig")
         )
-    turn, sigma = (
-        figures["turn_against_file_degrees"], figures["turn_against_file_sigma_degrees"]
-    )  # fmt: skip
+    turn, sigma = (figures[f"turn_against_file_{each}degrees"] for each in ("", "sigma_"))
     # Through an estimated lens a turn may be its principal point, which the rig then determines.
     is_known = not (figures["refined"] or figures["lenses_estimated"])
-    if turn > max(_TURNED_DEGREES, SURE * sigma) and is_known:
+    if turn > SURE * sigma and is_known:
         notes.append(
             f"in the images, placed one by one, the rotation between two cameras differs by "
             f"{turn:.2f} degrees (standard error {sigma:.2f}) from that in {rig.source}; try "

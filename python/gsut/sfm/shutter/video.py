@@ -16,6 +16,7 @@ import numpy as np
 from gsut._core import Shutter, SolveError
 from gsut.judge import KEPT, SURE
 from gsut.lens import Camera
+from gsut.sampling import FEWEST_SAMPLES
 from gsut.sfm.gyroscope import USUAL_READOUT, sharpen_rates
 from gsut.sfm.lens import GROUPS
 from gsut.sfm.mapping import Mapping
@@ -30,8 +31,6 @@ from gsut.sfm.shutter.readout import (
 )
 from gsut.sfm.solution import Adjustment, ReadoutMotion, Solution, measure_line_times
 
-_KNOWN = 0.1  # two standard deviations over the time, up to which the time counts as known
-_IMAGES = 30  # that the readout time is corrected on
 # Motion during a readout over the diagonal that is worth the time that training takes longer.
 _MATTERS = 1e-3
 _OBLONG = 1.2  # ratio of a picture's sides from which it shows how the sensor was held
@@ -51,11 +50,6 @@ class VideoShutter:
     readout: FlowReadout | None
     signs: float | None = None
 
-    @property
-    def is_known(self) -> bool:
-        """Whether two standard deviations are within 10 % of it."""
-        return self.readout is not None and 2 * self.readout.sigma <= _KNOWN * self.readout.time
-
     def describe(self) -> str:
         """Describes the shutter in a sentence."""
         found = self.readout
@@ -67,10 +61,9 @@ class VideoShutter:
             )
         orders = dict.fromkeys(shutter.direction for shutter in self.solution.shutters if shutter)
         order = " and ".join(orders).replace("_", " ")
-        doubt = "" if self.is_known else ", which is not known to 10 %"
         return (
             f"rolling shutter: lines are read {order} in {1000 * found.time:.1f} ms (standard "
-            f"deviation {1000 * found.sigma:.1f} ms{doubt})"
+            f"deviation {1000 * found.sigma:.1f} ms)"
         )
 
 
@@ -278,7 +271,7 @@ def _choose_images(
     """Chooses (N,) bool images with a pose and a rate that are well connected with each other."""
     good = solution.registered & np.isfinite(rates).all(axis=1)
     own = [pair for pair in pairs if good[pair.first] and good[pair.second]]
-    chosen = choose_connected_pairs(own, _IMAGES) if own else []
+    chosen = choose_connected_pairs(own, FEWEST_SAMPLES) if own else []
     images = {image for pair in chosen for image in (pair.first, pair.second)}
     return np.isin(np.arange(len(good)), list(images))
 

@@ -26,8 +26,6 @@ from gsut.sfm.solution import (
 )
 from gsut.sfm.starts.halves import HALF_INLIERS, MOST_IMAGES, split_matches
 
-_VELOCITIES = 6  # of an image that has its own
-
 
 def try_other_starts(mapping: Mapping) -> Mapping:
     """Replaces the solution by that of another start, if it explains the matches better.
@@ -55,7 +53,7 @@ def try_other_starts(mapping: Mapping) -> Mapping:
         if found is not None and _is_better(mapping, best, found):
             best = found
     if solution.velocities is not None and best is not solution:
-        more_free = _VELOCITIES * solution.num_registered
+        more_free = solution.velocities[solution.registered].size
         if _is_better(mapping, best, solution, more_free):
             return mapping
     if best is not solution and mapping.lens_free is not None:

@@ -16,11 +16,10 @@ from gsut.judge import SURE
 from gsut.least_squares import ROUNDS
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import PairMatches
-from gsut.sfm.photographs import DESCRIPTOR_LENGTH, Features
+from gsut.sfm.photographs import DESCRIPTOR_LENGTH, FEWEST_IMAGES, Features
 from gsut.sfm.solution import Solution, StatedPoints, similarity_from_points
 from gsut.sfm.world.control_file import (
     FEWEST_CONTROL,
-    FEWEST_VIEWS,
     USES,
     ControlPoint,
     Sighted,
@@ -64,7 +63,7 @@ def place_by_control(mapping: Mapping) -> Mapping:
         (point, {image: pixel for image, pixel in seen.items() if registered[image]})
         for point, seen in points
     ]
-    points = [each for each in points if len(each[1]) >= FEWEST_VIEWS]
+    points = [each for each in points if len(each[1]) >= FEWEST_IMAGES]
     used = [each for each in points if not each[0].is_check]
     places = np.array([point.place for point, _ in points]).reshape(-1, 3)
     is_used = np.array([not point.is_check for point, _ in points], bool)

@@ -11,6 +11,7 @@ import numpy as np
 
 from gsut._core import InputError
 from gsut.files import read_table, register_reader
+from gsut.sfm.photographs import FEWEST_IMAGES
 
 _COLUMNS = ("name", "use", "x", "y", "z", "sigma", "picture", "u", "v")
 _NAMES = {name: name for name in _COLUMNS} | {
@@ -19,7 +20,6 @@ _NAMES = {name: name for name in _COLUMNS} | {
 }  # fmt: skip
 USES = ("control", "check")
 FEWEST_CONTROL = 3  # points off a line: they fix a similarity
-FEWEST_VIEWS = 2  # photographs of a point
 ON_A_LINE = 1e-3  # second over first extent of control points that leave a turn open
 
 
@@ -135,7 +135,7 @@ def find_control(path: str, names: Sequence[str]) -> list[Sighted]:
                     f"names are like {', '.join(names[:3])}"
                 )
             seen[numbers[0]] = pixel
-        if len(seen) < FEWEST_VIEWS:
+        if len(seen) < FEWEST_IMAGES:
             raise InputError(
                 f"{path}: point {point.name} has a pixel in {', '.join(point.pixels)} alone; two "
                 "photographs at least must show it"

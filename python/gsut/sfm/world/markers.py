@@ -21,9 +21,8 @@ from gsut._core import InputError
 from gsut.data.images import decode_image
 from gsut.sampling import choose_evenly
 from gsut.sfm.mapping import Mapping
-from gsut.sfm.photographs import DESCRIPTOR_LENGTH, Features
+from gsut.sfm.photographs import DESCRIPTOR_LENGTH, FEWEST_IMAGES, Features
 from gsut.sfm.solution import Solution
-from gsut.sfm.world.control_file import FEWEST_VIEWS
 from gsut.sfm.world.earth import Earth, find_stated_up, move_to_earth
 
 CORNERS = 4
@@ -258,7 +257,7 @@ def _find_of_dictionary(grey: np.ndarray, dictionary: str, is_exact: bool) -> Se
 def _list_shared(seen: Sequence[Seen]) -> np.ndarray:
     """Lists the markers that several photographs show."""
     different, counts = np.unique(np.concatenate([ids for ids, _ in seen]), return_counts=True)
-    return different[counts >= FEWEST_VIEWS]
+    return different[counts >= FEWEST_IMAGES]
 
 
 def _prepend(features: Features, ids: np.ndarray, corners: np.ndarray) -> Features:
