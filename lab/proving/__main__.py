@@ -14,10 +14,11 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from gsut.files import write_file
+from gsut.files import write_file, write_picture
 from gsut.page import build_page, build_table
 from lab.proving.misfires import BROKEN, find_misfires
 from lab.proving.page import count_causes, write_page
+from lab.proving.worst import draw_sheet, list_worst
 
 _NIGHT = 300  # captures: no failure among them bounds a rate at 1 %
 _FIRST_NIGHT = 1_000_000  # seeds from here on are used once, on their day
@@ -32,9 +33,10 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "what",
         nargs="*",
-        metavar="night | compare A B | likeness REAL...",
-        help="300 captures of today's seeds; two files of rows, paired by seed; or statistics "
-        "of made captures beside those of real films and folders of photographs",
+        metavar="night | compare A B | likeness REAL... | worst",
+        help="300 captures of today's seeds; two files of rows, paired by seed; statistics "
+        "of made captures beside those of real films and folders of photographs; or NAME.jpg of "
+        "the ten whose poses are judged worst",
     )
     parser.add_argument(
         "--seeds", metavar="A:B", default="0:24", help="or a list, A,B,C [default: 0:24]"
@@ -46,8 +48,7 @@ def build_parser() -> argparse.ArgumentParser:
         help="of doctor, poses, scene (a training on these poses, and what it shows between the "
         "pictures), train (on the true ones), bits (two numbers of threads), causes (ten small "
         "trainings, nine with one thing wrong), movers (five of these), "
-        "mistakes (the usual ones planted), exact (doctor on right data, whole and thinned), "
-        "regret (a training with the degree that it chooses, four with a fixed one) "
+        "mistakes (the usual ones planted), exact (doctor on right data, whole and thinned) "
         "[default: %(default)s]",
     )
     parser.add_argument(
@@ -83,7 +84,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
         made = [likeness.measure_made(row) for row in prove(_list_seeds(options), options)]
         table = likeness.compare_distributions(real, made)
         return _show_table(table, likeness.HEADING, options.out, "Made and real captures")
+    options.parts = "poses" if what == "worst" else options.parts
     rows = prove(_list_seeds(options), options)
+    if what == "worst":
+        sheet = options.out.with_suffix(".jpg")
+        write_picture(sheet, draw_sheet(list_worst(rows) or rows)[..., ::-1], 75)
+        print(sheet)
+        return 0
     write_page(rows, options.out.with_suffix(".html"), "Proving ground")
     counts = collections.Counter(m.kind for row in rows for m in find_misfires(row))
     for kind, count in counts.most_common():
@@ -160,17 +167,11 @@ def compare_rows(first: Sequence[Row], second: Sequence[Row]) -> list[tuple[obje
 
 
 def _pair(kind: str, seeds: Sequence[int], before: dict, after: dict) -> tuple[object, ...]:
-    gone = sum(kind in before[seed] and kind not in after[seed] for seed in seeds)
-    new = sum(kind not in before[seed] and kind in after[seed] for seed in seeds)
-    both = sum(kind in before[seed] and kind in after[seed] for seed in seeds)
-    return kind, gone, new, both, f"{_test_signs(gone, new):.3f}"
-
-
-def _test_signs(gone: int, new: int) -> float:
-    """Returns the two-sided p of McNemar's exact test."""
-    n = gone + new
-    tail = sum(math.comb(n, k) for k in range(min(gone, new) + 1)) / 2.0**n
-    return min(1.0, 2 * tail)
+    """Returns a kind's captures only before, only after and in both, and p of McNemar's test."""
+    counts = collections.Counter((kind in before[seed], kind in after[seed]) for seed in seeds)
+    gone, new, both = counts[True, False], counts[False, True], counts[True, True]
+    tail = sum(math.comb(gone + new, k) for k in range(min(gone, new) + 1)) / 2.0 ** (gone + new)
+    return kind, gone, new, both, f"{min(1.0, 2 * tail):.3f}"
 
 
 if __name__ == "__main__":

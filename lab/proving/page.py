@@ -13,7 +13,6 @@ from gsut.files import write_file
 from gsut.page import build_page, build_table, format_number
 from lab.proving.causes import CAUSES, find_wrong_cause
 from lab.proving.misfires import find_misfires
-from lab.proving.regret import find_regret
 from lab.proving.worst import build_worst
 
 _LEVELS = ("good", "usable", "poor")
@@ -76,7 +75,6 @@ def list_figures(rows: Sequence[Row]) -> list[tuple[str, str, int]]:
         take("focal length within its sigma, %", cover, 0),
         take("held-out PSNR, dB", lambda row: row.get("psnr")),
         take("the same against the truth without noise, dB", lambda row: row.get("psnr_clean")),
-        take("the better degree of harmonics above the chosen one, dB", find_regret),
         *(take(f"{part}, CPU-s", lambda row, part=part: row.get(f"{part}_seconds"), 1)
           for part in ("render", "doctor", "poses", "train", "scene")),
     ]  # fmt: skip

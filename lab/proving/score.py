@@ -18,7 +18,6 @@ from lab.proving.capture import Capture, capture
 from lab.proving.causes import score_causes
 from lab.proving.commands import Outcome, run_gsut, run_training
 from lab.proving.misfires import is_true_of_exact
-from lab.proving.regret import measure_regret
 from lab.proving.scene import score_scene
 from lab.proving.truth import (
     ON_ITS_SIDE,
@@ -70,8 +69,6 @@ def score_made(made: Capture, folder: Path, parts: tuple[str, ...]) -> Row:
             row |= score_causes(folder / TRUTH, work, made.seed)
         if "movers" in parts:
             row |= score_causes(folder / TRUTH, work, made.seed, only="movers")
-        if "regret" in parts:
-            row["regret"] = measure_regret(folder / TRUTH, work)
     return row
 
 
@@ -224,6 +221,8 @@ def _measure_poses(made: Capture, out: Path, figures: Row, numbers: dict[str, in
         "pose_errors_px": figures.get("pose_errors_px"),
         "lens_sigma_px": figures.get("lens_sigma_px"), "diagonal_px": diagonal,
         "shift_px": list_shifts(shifts, made.lens.camera),
+        "centers": [[None if pose is None else np.linalg.inv(pose)[:3, 3].tolist()
+                     for pose in (truth[k], found.get(k))] for k in range(len(truth))],
         "notes": figures["notes"], "lens_known": figures["lens"],
         "shutter_found": figures.get("shutter"),
         "focal_sigma_percent": figures.get("focal_sigma_percent"),

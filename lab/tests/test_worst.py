@@ -2,8 +2,9 @@
 
 import numpy as np
 
+import gsut
 from gsut.files import write_picture
-from lab.proving.worst import build_worst, list_worst
+from lab.proving.worst import build_worst, draw_places, draw_sheet, list_worst
 from lab.proving.writing import TRUTH, find_cache
 
 POSES = {
@@ -44,3 +45,17 @@ def test_page_shows_small_pictures_of_the_worst(tmp_path, monkeypatch):
     (part,) = build_worst([make_row(11, "good", "poor", 0.1)])
     assert "not in the cache" in part
     assert build_worst([make_row(0, "good", "good", 0.9)]) == []
+
+
+def test_places_are_drawn_in_the_frame_that_suits_most_of_them(tmp_path, monkeypatch):
+    monkeypatch.setenv("GSUT_PROVING_CACHE", str(tmp_path))
+    true = np.random.default_rng(0).uniform(-1, 1, (9, 3))
+    found = 3 * true @ gsut.exp_pose([0, 0, 0, 1.0, 2.0, 0.5])[:3, :3].T + 7
+    centers = [list(pair) for pair in zip(true.tolist(), found.tolist(), strict=True)]
+    plans = [draw_places(centers)]
+    centers[4][1] = (found[4] + 2.0).tolist()
+    plans.append(draw_places([*centers, [[0.0, 0.0, 0.0], None]]))
+    right, wrong = ((plan != plan[..., :1]).any(axis=2).sum() for plan in plans)  # coloured pixels
+    assert right < wrong < 2 * right  # one line more
+    sheet = draw_sheet([make_row(k, "good", "poor", 0.1, centers=centers) for k in range(3)])
+    assert sheet.shape == (264, 840, 3) and sheet.dtype == np.uint8

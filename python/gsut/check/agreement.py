@@ -142,8 +142,11 @@ def _find_apart(verdicts: Sequence[PairVerdict]) -> list[list[int]]:
     """Finds views that fit each other, but not others, where the photographs surely differ.
 
     Two pairs across must contradict, none support, and their turns must close a triple with a pair
-    inside: repeated things (columns, windows) show wrong turns, which seldom close.
+    inside: repeated things (columns, windows) show wrong turns, which seldom close. In rooms that
+    look alike they do, so that more than that pair must support its poses.
     """
+    if sum(each.supports for each in verdicts) < 2:
+        return []
     group = {view: view for each in verdicts for view in each.views}
 
     def find(view: int) -> int:

@@ -88,7 +88,7 @@ def find_explanation(evidence: Evidence) -> Explanation | None:
         rival = evidence.make_structure(variant.data, row.free)
         scores = evidence.score(variant.data)
         wins = prefer(structure, rival, evidence.matches).is_rival
-        explains = evidence.find_share(variant.data) > _POOR
+        explains = float(np.median(evidence.find_shares(variant.data))) > _POOR
         better, is_sure = _compare_scores(current, scores, wins, row)
         if explains and better:
             gain = float(np.mean(scores - current))

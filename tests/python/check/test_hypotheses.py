@@ -1,19 +1,21 @@
 """What poses and lenses may have been meant to be is named; exact data stay quiet."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
 import pytest
 
 import gsut
+from gsut.check import photographs
 from gsut.check.agreement import find_far_views
 from gsut.check.evidence import gather_evidence
 from gsut.check.matches import ImagePair, choose_pairs
 from gsut.check.photographs import check_photographs
 from gsut.data.poses import OPENGL_FROM_OPENCV
 from gsut.judge import HYPOTHESES, Dataset, list_signed_permutations
-from gsut.judge.hypotheses import climb
+from gsut.judge.hypotheses import Variant, climb
 from gsut.judge.lens_errors import LENS_ERRORS
 from gsut.judge.path_errors import shift_frames
 
@@ -162,6 +164,27 @@ def test_one_turned_pose_of_a_long_walk_is_named(rng):
     turned[view] = turned[view] @ gsut.exp_pose([0, 0, 0, 0, np.radians(30), 0])
     (said,) = say(turned, pixels)
     assert "000020 contradict" in said.what, said
+
+
+def test_three_views_of_rooms_that_look_alike_are_not_accused(rng, monkeypatch):
+    """One pair may agree with its poses, or better with a crop, where two show another room."""
+    poses = make_walk(3)
+    other = poses.copy()
+    other[0] = other[0] @ gsut.exp_pose([0.5, 0.3, 0, 0, 0, 0])
+    assert say(poses, observe(other, rng)) == []
+    scores = {"given": np.array([-0.3, 0.1, 3.7]), "cropped": np.array([-0.4, 0.0, 5.1])}
+    crop = SimpleNamespace(is_gross=False, is_everywhere=False, free=2)
+    monkeypatch.setattr(photographs, "prefer", lambda *_: SimpleNamespace(is_rival=True))
+    monkeypatch.setattr(
+        photographs, "find_best_variants", lambda *_: [(crop, Variant("", "", "cropped"))]
+    )
+    for shares, is_found in (([0.12, 0.18, 0.97], False), ([0.12, 0.97, 0.97], True)):
+        evidence = SimpleNamespace(
+            given="given", score=scores.get, make_structure=lambda *_: None, matches=None,
+            sample=SimpleNamespace(score=None), find_shares=lambda _, own=shares: np.array(own),
+        )  # fmt: skip
+        monkeypatch.setattr(photographs, "HYPOTHESES", (crop,))
+        assert (photographs.find_explanation(evidence, False) is not None) == is_found
 
 
 @pytest.mark.parametrize("name", POSES)

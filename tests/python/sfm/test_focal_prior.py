@@ -6,12 +6,14 @@ import math
 import numpy as np
 import pytest
 
+import gsut
 import tolerances
-from gsut.lens import convert_camera, with_scaled_focal
+from gsut.lens import convert_camera, measure_field_of_view, with_scaled_focal
 from gsut.sfm.lens import measure_lens_difference, measure_pose_differences
+from gsut.sfm.lens.candidates import guess_lens, make_lens
 from gsut.sfm.lens.covariance import estimate_focal_spread, estimate_lens_sigmas
 from gsut.sfm.lens.doubt import judge_lens
-from gsut.sfm.lens.prior import find_focal
+from gsut.sfm.lens.prior import find_focal, find_focal_of_field
 from gsut.sfm.mapping import PosesLog
 from gsut.sfm.report.verdict import judge_solution
 from gsut.sfm.solution import adjust_registered
@@ -72,6 +74,17 @@ def test_focal_prior_that_images_know_better_changes_nothing(walk):
     assert run.found.figures["focal_prior"]["agrees"] and run.solution is walk.solution
     assert run.found.focal_sigma == alone.found.focal_sigma
     assert abs(error) < tolerances.FOCAL_SIGMAS * alone.found.focal_sigma
+
+
+@pytest.mark.parametrize("bend", [1.0, 0.5, 0.0])
+def test_focal_length_of_a_field_is_that_of_the_shape_of_the_lens(bend):
+    lens = make_lens(640, 480, 100.0, bend)
+    fov = measure_field_of_view(lens)
+    for factor in (0.8, 1.25):
+        found = find_focal_of_field(with_scaled_focal(lens, factor), fov)
+        assert found == pytest.approx(lens.params[0])
+    beyond = find_focal_of_field(gsut.Camera("pinhole", [300, 300, 320, 240], 640, 480), 200.0)
+    assert beyond == pytest.approx(guess_lens(640, 480, 200.0).params[0])
 
 
 @pytest.mark.slow

@@ -81,14 +81,24 @@ def _find_prior(mapping: Mapping) -> FocalPrior | None:
     """Finds what is stated of the focal length: by the user, else by the photographs."""
     photographs, camera = mapping.photographs, mapping.solved.cameras[0]
     if mapping.options.fov is not None:
-        start = guess_lens(camera.width, camera.height, mapping.options.fov)
-        return FocalPrior(float(start.params[0]), _STATED, "--fov")
+        return FocalPrior(find_focal_of_field(camera, mapping.options.fov), _STATED, "--fov")
     if photographs.profile is not None:
         start = photographs.profile.make_camera(camera.width, camera.height)
         return FocalPrior(float(start.params[0]), _STATED, photographs.profile.name)
     if photographs.exif_focal_px is None or photographs.focal_sigma is None:
         return None
     return FocalPrior(photographs.exif_focal_px, photographs.focal_sigma, "EXIF")
+
+
+def find_focal_of_field(lens: Camera, fov_degrees: float) -> float:
+    """Finds the focal length in pixels by which a lens of this shape sees a horizontal field."""
+    half = math.radians(fov_degrees / 2)
+    edges = np.array([[sign * math.sin(half), 0.0, math.cos(half)] for sign in (-1, 1)])
+    (left, right), seen = lens.project(edges)
+    if not seen.all() or right[0] <= left[0]:
+        return float(guess_lens(lens.width, lens.height, fov_degrees).params[0])
+    focal = float(lens.params[find_focal_params(lens)[0]])
+    return focal * lens.width / float(right[0] - left[0])
 
 
 def find_lens(solution: Solution) -> Camera:
