@@ -180,8 +180,9 @@ def test_three_views_of_rooms_that_look_alike_are_not_accused(rng, monkeypatch):
     )
     for shares, is_found in (([0.12, 0.18, 0.97], False), ([0.12, 0.97, 0.97], True)):
         evidence = SimpleNamespace(
-            given="given", score=scores.get, make_structure=lambda *_: None, matches=None, best_score=5.0,
-            sample=SimpleNamespace(score=None), find_shares=lambda _, own=shares: np.array(own),
+            given="given", score=scores.get, make_structure=lambda *_: None, matches=None,
+            best_score=5.0, sample=SimpleNamespace(score=None),
+            find_shares=lambda _, own=shares: np.array(own),
         )  # fmt: skip
         monkeypatch.setattr(photographs, "HYPOTHESES", (crop,))
         assert (photographs.find_explanation(evidence) is not None) == is_found

@@ -6,14 +6,13 @@ import math
 import numpy as np
 import pytest
 
-import gsut
 import tolerances
-from gsut.lens import convert_camera, measure_field_of_view, with_scaled_focal
+from gsut.lens import convert_camera, with_scaled_focal
 from gsut.sfm.lens import measure_lens_difference, measure_pose_differences
-from gsut.sfm.lens.candidates import guess_lens, make_lens
+from gsut.sfm.lens.candidates import list_focal_lengths
 from gsut.sfm.lens.covariance import estimate_focal_spread, estimate_lens_sigmas
 from gsut.sfm.lens.doubt import judge_lens
-from gsut.sfm.lens.prior import find_focal, find_focal_of_field
+from gsut.sfm.lens.prior import find_focal
 from gsut.sfm.mapping import PosesLog
 from gsut.sfm.report.verdict import judge_solution
 from gsut.sfm.solution import adjust_registered
@@ -76,15 +75,14 @@ def test_focal_prior_that_images_know_better_changes_nothing(walk):
     assert abs(error) < tolerances.FOCAL_SIGMAS * alone.found.focal_sigma
 
 
-@pytest.mark.parametrize("bend", [1.0, 0.5, 0.0])
-def test_focal_length_of_a_field_is_that_of_the_shape_of_the_lens(bend):
-    lens = make_lens(640, 480, 100.0, bend)
-    fov = measure_field_of_view(lens)
-    for factor in (0.8, 1.25):
-        found = find_focal_of_field(with_scaled_focal(lens, factor), fov)
-        assert found == pytest.approx(lens.params[0])
-    beyond = find_focal_of_field(gsut.Camera("pinhole", [300, 300, 320, 240], 640, 480), 200.0)
-    assert beyond == pytest.approx(guess_lens(640, 480, 200.0).params[0])
+@pytest.mark.parametrize(("fov", "kinds"), [(60.0, 1), (100.0, 3), (150.0, 2), (280.0, 1)])
+def test_focal_lengths_of_a_field_are_those_of_the_lenses_that_see_it(fov, kinds):
+    found = list_focal_lengths(640, fov)
+    assert len(found) == kinds and found == sorted(found)
+    fisheye = [320 / math.radians(fov / 2)]
+    perspective = [320 / math.tan(math.radians(fov / 2))]
+    assert found[-1:] == pytest.approx(fisheye if fov > 75 else perspective)
+    assert (found[:1] == pytest.approx(perspective)) == (fov < 130)
 
 
 @pytest.mark.slow

@@ -28,6 +28,10 @@ _FAST_TURN = 0.087
 IMPOSSIBLE_TURN = 0.2  # the same that is more than any motion
 
 _ESTIMATE_LENS = "let the lens be estimated: --unknown-lens"
+_GIVE_LENS = (
+    "give the lens by --camera (gsut calibrate finds it), or walk in a curve and turn and tilt the "
+    "camera, a little from picture to picture"
+)
 _ADD_BETWEEN = "take more pictures between them, each showing two thirds of the one before"
 _ADD_LINKS = "add pictures between those that are connected and the others"
 _ADD_TURNED = "add images, some turned by 90 degrees about the axis of the lens"
@@ -128,7 +132,7 @@ def _describe_error(q: PosesQuality) -> str:
 
 def _choose_step_on_error(q: PosesQuality) -> str:
     if q.is_lens_open:
-        return "give the lens by --camera or --fov, or walk in a curve, turn the camera and tilt it"
+        return _GIVE_LENS
     return _choose_step_on_matches(q) if q.agreement < _FEW_AGREE else _ADD_BETWEEN
 
 

@@ -100,6 +100,15 @@ def list_lens_ladder(width: int, height: int, fov_degrees: float | None) -> list
     ]
 
 
+def list_focal_lengths(width: int, fov_degrees: float) -> list[float]:
+    """Lists the focal lengths in pixels by which kinds of lenses see a horizontal field."""
+    return [
+        width / 2 / _measure_radius(fov_degrees, bend)
+        for bend, fields in _LADDER.items()
+        if bend * fov_degrees < _WIDEST_PERSPECTIVE and (bend == 1 or fov_degrees >= fields[0])
+    ]
+
+
 def make_lens(width: int, height: int, fov_degrees: float, bend: float) -> Camera:
     """Makes a Kannala-Brandt lens near r = f tan(bend theta) / bend.
 

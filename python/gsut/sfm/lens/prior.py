@@ -10,7 +10,7 @@ import numpy as np
 from gsut._core import SolveError
 from gsut.judge import SURE
 from gsut.lens import Camera, FocalPrior, find_focal_params, with_scaled_focal
-from gsut.sfm.lens.candidates import guess_lens
+from gsut.sfm.lens.candidates import list_focal_lengths
 from gsut.sfm.lens.information import GROUPS
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.solution import (
@@ -20,8 +20,8 @@ from gsut.sfm.solution import (
 )
 from gsut.significance import convert_to_normal
 
-# Standard deviation of the logarithm of a focal length by --fov, which is a rough field of view,
-# and by a lens of the database, of which cameras have several modes.
+# Standard deviation of the logarithm of a focal length by --fov, a rough field of view (how much
+# kinds of lenses differ comes to it), and by a lens of the database: cameras have several modes.
 _STATED = 0.05
 # Share of the prior's standard deviation below which the images alone know better.
 _NEGLIGIBLE = 0.1
@@ -81,24 +81,16 @@ def _find_prior(mapping: Mapping) -> FocalPrior | None:
     """Finds what is stated of the focal length: by the user, else by the photographs."""
     photographs, camera = mapping.photographs, mapping.solved.cameras[0]
     if mapping.options.fov is not None:
-        return FocalPrior(find_focal_of_field(camera, mapping.options.fov), _STATED, "--fov")
+        logs = np.log(list_focal_lengths(camera.width, mapping.options.fov))
+        least, most = float(logs.min()), float(logs.max())
+        spread = math.hypot(_STATED, (most - least) / 2)
+        return FocalPrior(math.exp((least + most) / 2), spread, "--fov")
     if photographs.profile is not None:
         start = photographs.profile.make_camera(camera.width, camera.height)
         return FocalPrior(float(start.params[0]), _STATED, photographs.profile.name)
     if photographs.exif_focal_px is None or photographs.focal_sigma is None:
         return None
     return FocalPrior(photographs.exif_focal_px, photographs.focal_sigma, "EXIF")
-
-
-def find_focal_of_field(lens: Camera, fov_degrees: float) -> float:
-    """Finds the focal length in pixels by which a lens of this shape sees a horizontal field."""
-    half = math.radians(fov_degrees / 2)
-    edges = np.array([[sign * math.sin(half), 0.0, math.cos(half)] for sign in (-1, 1)])
-    (left, right), seen = lens.project(edges)
-    if not seen.all() or right[0] <= left[0]:
-        return float(guess_lens(lens.width, lens.height, fov_degrees).params[0])
-    focal = float(lens.params[find_focal_params(lens)[0]])
-    return focal * lens.width / float(right[0] - left[0])
 
 
 def find_lens(solution: Solution) -> Camera:

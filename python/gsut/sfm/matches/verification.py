@@ -196,14 +196,12 @@ def explain_failure(
     faults = find_faults(PICTURE_CHECKS, measure_pictures(features))
     reasons = [f"{f.what}: {f.advice}" for f in faults if Verdict.LEVELS[f.severity] == "poor"]
     if len(features) < FEW_IMAGES:
-        reasons.append(f"{len(features)} images are few: take 20 or more")
+        reasons.append(f"{len(features)} images are few")
     parallax = np.degrees(float(np.median([pair.parallax for pair in pairs] or [np.inf])))
     if parallax < MIN_ANGLE_DEGREES:
-        reasons.append(
-            f"the camera hardly moved between them ({parallax:.1f} degrees of parallax): walk "
-            "sideways to what you photograph"
-        )
-    return SolveError("; ".join([str(error), *reasons, f"or {advice}"]))
+        reasons.append(f"the camera hardly moved between them ({parallax:.1f} degrees of parallax)")
+    steps = f"walk sideways to what you photograph, or {advice}"
+    return SolveError("; ".join([str(error), *reasons, steps]))
 
 
 def measure_pictures(
