@@ -11,10 +11,9 @@ import numpy as np
 from gsut import _core
 from gsut.check.evidence import Evidence
 from gsut.data import Scene
-from gsut.judge import SURE
+from gsut.judge import SAME_DEGREES, SURE
 
 _SHUFFLES = 4  # of each pair: their mean is what chance explains
-_CLOSED = 5.0  # degrees that three turns around a triple may miss: several errors of a turn
 _REPEATED = 0.3  # of the pairs of right poses, that repeated things make contradict, at most
 _FEW = 5  # cameras for each one that may stand far away
 
@@ -168,7 +167,7 @@ def _find_apart(verdicts: Sequence[PairVerdict]) -> list[list[int]]:
             if (c, a) not in turns or find(b) != find(c) or find(a) == find(b):
                 continue
             (one, ab), (inside, bc), (two, ca) = turns[a, b], turns[b, c], turns[c, a]
-            closed = _measure_angle(ca @ bc @ ab) < _CLOSED
+            closed = _measure_angle(ca @ bc @ ab) < SAME_DEGREES
             if closed and inside.supports and one.contradicts and two.contradicts:
                 apart[frozenset((find(a), find(b)))] = None
     members = {root: [v for v in group if find(v) == root] for pair in apart for root in pair}

@@ -12,8 +12,8 @@ from gsut.check.evidence import Evidence
 from gsut.check.findings import Finding
 from gsut.data import Scene, list_some
 from gsut.judge import HYPOTHESES, Hypothesis, Variant, find_best_variants, prefer
+from gsut.judge.checks import FEW_AGREE
 
-_POOR = 0.4  # share of the matches that a dataset explains: with less it is wrong
 _ALIKE = 0.9  # of the best hypothesis's gain: a hypothesis that gains this share explains the same
 _LEAST_GAIN = 0.05  # nats a match that a hypothesis must gain: less are errors that images share
 _SAME = 1e-3  # nats a match: groups of images that differ by less are not touched
@@ -66,9 +66,9 @@ def check_photographs(scene: Scene, evidence: Evidence | None) -> list[Finding]:
         return [*name_far_views(scene), Finding("info", str(scene.path), what)]
     shares = evidence.find_shares(evidence.given)
     share = float(np.mean(shares))
-    agreement = find_agreement(evidence) if shares.min() < _POOR else None
+    agreement = find_agreement(evidence) if shares.min() < FEW_AGREE else None
     found = find_explanation(evidence)
-    fitting = [pair for pair, fits in zip(evidence.pairs, shares > _POOR, strict=True) if fits]
+    fitting = [pair for pair, fits in zip(evidence.pairs, shares > FEW_AGREE, strict=True) if fits]
     far = name_far_views(scene, {view for pair in fitting for view in (pair.first, pair.second)})
     wrong = agreement is not None and agreement.is_contradiction
     if found is not None and (found.is_large or not wrong):
@@ -88,7 +88,7 @@ def find_explanation(evidence: Evidence) -> Explanation | None:
         rival = evidence.make_structure(variant.data, row.free)
         scores = evidence.score(variant.data)
         wins = prefer(structure, rival, evidence.matches).is_rival
-        explains = float(np.median(evidence.find_shares(variant.data))) > _POOR
+        explains = float(np.median(evidence.find_shares(variant.data))) > FEW_AGREE
         better, is_sure = _compare_scores(current, scores, wins, row)
         if explains and better:
             gain = float(np.mean(scores - current))
@@ -125,7 +125,7 @@ def _name_explanation(evidence: Evidence, share: float, found: Explanation) -> F
     row, variant = found.hypothesis, found.variant
     sentence, cure = row.sentence.format(variant.words), row.cure.format(variant.edit)
     fits = evidence.find_share(variant.data)
-    if share < _POOR or found.is_large:
+    if share < FEW_AGREE or found.is_large:
         what = (
             f"the photographs contradict the {row.subject} ({evidence.describe()}: {share:.0%} "
             f"fit); {fits:.0%} fit {sentence}"
@@ -183,7 +183,7 @@ def _describe_agreement(
                 f"poses and photographs do not agree: {list_some([names[v] for v in views])} {what}"
             )
             return [evidence.make_finding(severity, what, _ADVICE, "poses")]
-        if not agreement.supports and share < _POOR:
+        if not agreement.supports and share < FEW_AGREE:
             what = (
                 "poses and photographs do not agree, and other poses through this lens hardly fit "
                 f"them better ({fits})"

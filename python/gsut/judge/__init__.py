@@ -2,6 +2,7 @@
 
 from gsut.judge.epipolar import (
     MOMENTS,
+    SAME_DEGREES,
     TINY,
     compute_cross_products,
     compute_readout_poses,
@@ -35,6 +36,7 @@ __all__ = [
     "LEAST_NOISE",
     "MEDIAN_DEVIATION",
     "MOMENTS",
+    "SAME_DEGREES",
     "SURE",
     "TINY",
     "Dataset",

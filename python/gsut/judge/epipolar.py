@@ -10,6 +10,7 @@ from gsut.data.poses import invert_pose
 from gsut.lens import Camera
 
 TINY = 1e-12  # keeps quotients finite, and is the length of a baseline without a direction
+SAME_DEGREES = 5.0  # between turns of images that agree: several errors of a turn
 MOMENTS = 16  # of a rolling readout at which poses are taken: neighbouring poses hardly differ
 
 

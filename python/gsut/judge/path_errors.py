@@ -14,7 +14,6 @@ from gsut.judge.hypotheses import Dataset, Hypothesis, Rate, Variant, Variants, 
 
 _FEWEST = 4  # views of a path along which time can be shifted
 _MOST_VIEWS = 60  # among which poses are exchanged: each is tried in place of each
-_NAME_GAIN = 0.02  # nats a match that a view must gain by another's pose
 
 
 def shift_frames(data: Dataset, frames: np.ndarray) -> Dataset:
@@ -133,7 +132,7 @@ def _suppose_other_names(data: Dataset, rate: Rate) -> Variants:
             poses = data.poses.copy()
             poses[view] = poses[other]
             tried.append((float(np.mean(rate(data.place(poses)))), other))
-        if max(tried)[0] > best + _NAME_GAIN:
+        if max(tried)[0] > best:
             best, other = max(tried)
             poses = data.poses.copy()
             poses[view] = poses[other]

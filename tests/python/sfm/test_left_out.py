@@ -10,7 +10,7 @@ from gsut import Shutter
 from gsut.sfm import PosesOptions, compare_poses
 from gsut.sfm.lens import join_points
 from gsut.sfm.matches import RawMatches, verify_matches
-from gsut.sfm.solution import MIN_INLIERS, solve_poses
+from gsut.sfm.solution import Adjustment, solve_poses
 from gsut.sfm.starts import leave_out_contradicted, leaving_out, register_left_out
 from gsut.sfm.starts.left_out import _find_poses
 from synthetic_walk import Synthetic
@@ -68,7 +68,7 @@ def test_image_that_fits_fewer_points_than_others_need_is_held_by_what_it_predic
     mapping = mapping.replace(options=OPTIONS)
     mapping = thin_out(mapping, every=60, others=[5])
     joined = join_points(mapping.solved, mapping.features, mapping.raw)[LEFT_OUT]
-    assert 8 <= len(joined) < MIN_INLIERS
+    assert 8 <= len(joined) < Adjustment.min_inliers
     mapping = register_left_out(mapping)
     assert mapping.solved.registered[LEFT_OUT]
     assert mapping.photographs.names[LEFT_OUT] in mapping.log.notes[-1]

@@ -11,6 +11,8 @@ from gsut.run import Verdict
 DIAGONAL = 350.0  # of the pictures in whose pixels all limits on geometry are
 GOOD_PX = 2.0  # such pixels by which nearly all of a good result is off at most
 USABLE_PX = 6.0  # the same of most of a usable one
+# Growth of the median residual near what a rig or GPS states, above which images contradict that.
+SHAKY = 1.5
 NOT_GOOD = GOOD_PX / DIAGONAL  # error over the diagonal, above which a result is not good
 UNUSABLE = USABLE_PX / DIAGONAL  # error over the diagonal, above which a result is not usable
 

@@ -14,18 +14,17 @@ from gsut.run import Verdict
 
 # Relative error of the focal length that shifts a picture by GOOD_PX (root mean square).
 _FOCAL_LIMIT = 0.02
-# Share of the verified matches that observe one point, below which a given lens may be the cause of
-# what is wrong; repeated things lower it too.
-_FEW_AGREE = 0.4
+# Share of matches that agree with poses and lenses, below which one of these is wrong; repeated
+# things lower it too.
+FEW_AGREE = 0.4
 # Share of the images without a pose, or of the pairs that poses reject, above which a result is
 # usable at most. Where things repeat, right poses reject pairs, of few matches.
 _SOME_LOST = 0.05
 _MANY_LOST = 0.4  # share of the images without a pose above which it is poor
 _FEWEST = 6  # images with a pose: with fewer, hardly anything would show that poses are wrong
-# Root mean square turn of images during their readout, in radians, that is more than hands turn a
-# camera: the scene may have bent (Albl et al., "Degeneracies in rolling shutter SfM", ECCV 2016).
-_FAST_TURN = 0.087
-IMPOSSIBLE_TURN = 0.2  # the same that is more than any motion
+# Root mean square turn of images during their readout, in radians, that is more than any motion: by
+# it the scene has bent (Albl et al., "Degeneracies in rolling shutter SfM", ECCV 2016).
+IMPOSSIBLE_TURN = 0.2
 
 _ESTIMATE_LENS = "let the lens be estimated: --unknown-lens"
 _GIVE_LENS = (
@@ -133,14 +132,14 @@ def _describe_error(q: PosesQuality) -> str:
 def _choose_step_on_error(q: PosesQuality) -> str:
     if q.is_lens_open:
         return _GIVE_LENS
-    return _choose_step_on_matches(q) if q.agreement < _FEW_AGREE else _ADD_BETWEEN
+    return _choose_step_on_matches(q) if q.agreement < FEW_AGREE else _ADD_BETWEEN
 
 
 def _choose_step_on_matches(q: PosesQuality) -> str:
     """Names a step where matches do not fit the poses."""
     if q.readout_turn is not None:
         return _ADD_TURNED
-    if q.focal_sigma is None and q.agreement < _FEW_AGREE:
+    if q.focal_sigma is None and q.agreement < FEW_AGREE:
         return _ESTIMATE_LENS
     return (
         "give --shutter rolling if the camera moved fast, or put up something that sets places "
@@ -165,12 +164,6 @@ POSES_CHECKS: tuple[Check[PosesQuality], ...] = (
         "number of views", lambda q: _FEWEST - q.registered, 0, 0,
         lambda q: f"only {q.registered} views",
         "take 60 pictures or more, walking around what you want to see", is_visible=True,
-    ),
-    Check(
-        "turn during the readout", lambda q: q.readout_turn or 0.0, _FAST_TURN, IMPOSSIBLE_TURN,
-        lambda q: f"images seem to turn by {math.degrees(q.readout_turn or 0):.0f} degrees while "
-        "they are read",
-        _ADD_TURNED,
     ),
     Check(
         "rejected pairs", lambda q: q.rejected, MANY, MANY,

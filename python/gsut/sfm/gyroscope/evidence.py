@@ -14,7 +14,6 @@ from gsut.judge import KEPT
 from gsut.sfm.gyroscope.calibration import BIAS_SIGMA, TurnCalibration, calibrate_turns
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.solution import (
-    MIN_INLIERS,
     Adjustment,
     ReadoutMotion,
     Solution,
@@ -209,7 +208,7 @@ def _adjust(mapping: Mapping, turns: StatedTurns | None) -> Solution | None:
     adjustment = Adjustment(
         mapping.lens_free, lens_settled=True, extend=True,
         motion=ReadoutMotion.hold(solution), turns=turns and _free_scale(turns),
-        min_inliers=MIN_INLIERS // 2,
+        min_inliers=Adjustment.min_inliers // 2,
     )  # fmt: skip
     try:
         held = mapping.adjust(adjustment, stage="mapping")

@@ -6,17 +6,20 @@ import numpy as np
 
 from gsut.sfm.learned.network import CELL, MULTIPLE, Maps, run_network
 from gsut.sfm.learned.weights import Weights
-from gsut.sfm.photographs import DESCRIPTOR_SCALE, Features
+from gsut.sfm.photographs import DESCRIPTOR_SCALE, Features, PosesOptions
 
 LONGEST_SIDE = 800  # pixels of the picture that the network sees
-MOST_FEATURES = 4096  # of a picture, the best
 _LEAST_SCORE = 0.05  # of a keypoint: the probability that the network was trained to cut at
 _SUPPRESSED = 5  # pixels, side of the square in which only the best keypoint stays
 _BICUBIC = -0.75  # parameter of the cubic that the descriptors were trained with
 
 
 def detect_learned(
-    weights: Weights, pixels: np.ndarray, valid: np.ndarray | None = None, turns: int = 0
+    weights: Weights,
+    pixels: np.ndarray,
+    valid: np.ndarray | None = None,
+    turns: int = 0,
+    most: int = PosesOptions.max_features,
 ) -> Features:
     """Finds the learned features of a picture.
 
@@ -26,6 +29,7 @@ def detect_learned(
         valid: (H, W) bool, where features may lie; None: everywhere.
         turns: quarter turns counter-clockwise that put the picture upright for the network; the
             features are those of the picture as it is.
+        most: number of features, the best.
 
     Returns:
         The features, best first, all of one size. Descriptors hold the positive parts of the
@@ -48,7 +52,7 @@ def detect_learned(
     corner = np.clip(own.astype(int), 0, [width - 1, height - 1])
     if valid is not None:
         scores = np.where(valid[corner[:, 1], corner[:, 0]], scores, 0)
-    best = np.argsort(-scores, kind="stable")[: min(MOST_FEATURES, np.count_nonzero(scores))]
+    best = np.argsort(-scores, kind="stable")[: min(most, np.count_nonzero(scores))]
     values = sample_descriptors(maps, at[best])
     split = np.maximum(np.concatenate([values, -values], axis=1), 0)
     return Features(

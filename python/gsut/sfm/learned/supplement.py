@@ -114,7 +114,8 @@ def _read_all(
         try:
             return read_features(
                 photographs.paths[image], photographs.cameras[image], options,
-                photographs.masks[image], partial(detect_learned, weights, turns=turns),
+                photographs.masks[image],
+                partial(detect_learned, weights, turns=turns, most=options.max_features),
             )  # fmt: skip
         except InputError:  # a note said so when SIFT looked at it
             return make_no_features()

@@ -14,5 +14,6 @@ from gsut.sfm.lens.information import (
 )
 from gsut.sfm.lens.jackknife import adjust_without_groups, estimate_focal_sigma
 from gsut.sfm.lens.prior import find_focal, hold_focal
+from gsut.sfm.lens.ranking import ROUGH
 from gsut.sfm.lens.sightings import index_points, join_points
 from gsut.sfm.lens.still_camera import require_motion

@@ -11,7 +11,7 @@ from gsut import _core
 from gsut._core import SolveError
 from gsut.lens import Camera
 from gsut.sampling import MAJORITY, choose_evenly
-from gsut.sfm.lens.candidates import list_lens_ladder, make_lens
+from gsut.sfm.lens.candidates import list_lens_ladder
 from gsut.sfm.lens.ranking import ROUGH
 from gsut.sfm.lens.search import ADVICE, START, choose_lens, search_lens
 from gsut.sfm.lens.sightings import Sightings, gather_sightings
@@ -108,35 +108,20 @@ class _Lenses:
 
 
 def _start_from_guesses(lenses: _Lenses, groups: Sequence[LensGroup]) -> None:
-    """Solves from the focal length that each camera states, or from usual fields of view.
+    """Solves from the lens that each camera states, or from the usual field of view.
 
-    For cameras none of which has photographs enough to choose its lens by them alone. The solution
-    is then that of the field of view that registers most images, and points with them.
+    For cameras none of which has photographs enough to choose its lens by them alone.
 
     Raises:
-        SolveError: nothing could be reconstructed with any of them.
+        SolveError: nothing could be reconstructed.
     """
-    best, most, failure = None, (0, 0), None
-    for field in _GUESSED_FIELDS:
-        lenses.mapping = lenses.mapping.replace(solution=None)
-        for group in groups:
-            size = lenses.mapping.photographs.lenses[group.images[0]]
-            guess = make_lens(size.width, size.height, field, 1.0)
-            lenses.set(group, next(iter(group.candidates), guess), START)
-        try:
-            lenses.solve()
-        except SolveError as error:
-            failure = error
-            continue
-        found = lenses.mapping.solved
-        rank = found.num_registered, len(found.points)
-        if rank > most:
-            best, most = found, rank
-        if all(group.candidates for group in groups):
-            break
-    mapping = lenses.mapping = lenses.mapping.replace(solution=best)
-    if best is None and failure is not None:
-        raise explain_failure(failure, mapping.features, mapping.pairs, ADVICE)
+    mapping = lenses.mapping
+    for group in groups:
+        lenses.set(group, mapping.photographs.lenses[group.images[0]], START)
+    try:
+        lenses.solve()
+    except SolveError as error:
+        raise explain_failure(error, mapping.features, lenses.mapping.pairs, ADVICE) from None
 
 
 def _fit_to_points(lenses: _Lenses, group: LensGroup) -> bool:

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
 from gsut._core import InputError
 from gsut.data.images import read_header
 from gsut.lens import Camera
-from gsut.sampling import ENOUGH_SAMPLES
-from gsut.sfm.photographs import TANGENT, Features, LensGroup, Photographs
+from gsut.sfm.photographs import TANGENT, LensGroup, Photographs
 
 _WIDEST_PERSPECTIVE = 130.0  # degrees across: beyond it tan() stretches the image's edge too much
 _UNREADABLE_SIZE = (640, 480)  # pixels, of a camera whose images cannot be read and get no pose
-DEFAULT_FIELD = 60.0  # degrees across: between a phone's main and wide camera
 # Fields of view along the longer side (degrees) by kind of lens, r = f tan(b theta) / b: a
 # telephoto lens to a wide angle (b = 1), an action camera to a fisheye (stereographic, b = 1/2, and
 # equidistant, b = 0).
@@ -25,11 +22,8 @@ _LADDER = {
     0.5: (75.0, 90.0, 110.0, 140.0, 180.0),
     0.0: (75.0, 90.0, 110.0, 135.0, 165.0, 200.0),
 }
-# Limits that no camera's lens exceeds.
-_LEAST_FOCAL = 0.12  # focal length over the longer side: a fisheye's circle of 220 degrees
-_MOST_FOCAL = 6.0  # focal length over the longer side: a field of view of 10 degrees
-_MOST_OFF_CENTER = 0.08  # distance of the principal point from the centre over the diagonal
-_LEAST_SEEN = 0.95  # share of the features that the lens must have rays for
+# Degrees across where nothing is known: between a phone's main and wide camera.
+DEFAULT_FIELD = float(np.median(_LADDER[1.0]))
 
 
 def guess_lenses(photographs: Photographs, fov_degrees: float | None) -> Photographs:
@@ -130,25 +124,3 @@ def _measure_radius(fov_degrees: float, bend: float) -> float:
 def _make_kannala_brandt(width: int, height: int, focal: float, bend: float) -> Camera:
     ks = [factor * bend ** (2 * k) for k, factor in enumerate(TANGENT, 1)]
     return Camera("kannala_brandt", [focal, focal, width / 2, height / 2, *ks], width, height)
-
-
-def explain_implausible(lens: Camera, features: Sequence[Features]) -> str | None:
-    """Explains why no camera can have this lens; None if one can.
-
-    Args:
-        lens: with fx, fy, cx, cy first.
-        features: of images, where the lens must have rays.
-    """
-    fx, _, cx, cy = lens.params[:4]
-    longer = max(lens.width, lens.height)
-    if not _LEAST_FOCAL <= fx / longer <= _MOST_FOCAL:
-        return f"its focal length is {fx / longer:.2f} times the longer side"
-    off = math.hypot(cx - lens.width / 2, cy - lens.height / 2)
-    if off > _MOST_OFF_CENTER * math.hypot(lens.width, lens.height):
-        return f"its principal point is {off:.0f} px from the image's centre"
-    pixels = np.concatenate([f.pixels for f in features])
-    pixels = pixels[:: max(1, len(pixels) // ENOUGH_SAMPLES)]
-    seen = float(lens.unproject(pixels)[1].mean()) if len(pixels) else 1.0
-    if seen < _LEAST_SEEN:
-        return f"it has no ray at {100 * (1 - seen):.0f} % of the features"
-    return None

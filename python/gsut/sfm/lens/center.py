@@ -11,7 +11,6 @@ import numpy as np
 from gsut._core import SolveError
 from gsut.judge import SURE
 from gsut.lens import Camera
-from gsut.sfm.lens.candidates import explain_implausible
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import PairMatches, keep_most_distinct
 from gsut.sfm.solution import CENTER, Adjustment, LensFlag, Solution
@@ -42,8 +41,7 @@ def free_center(mapping: Mapping) -> Mapping:
         free = _adjust(mapping, free, mapping.pairs, freed, is_last=True)
     except SolveError:
         return mapping
-    lens = free.cameras[int(np.argmax(free.registered))]
-    if free.num_registered < solution.num_registered or explain_implausible(lens, mapping.features):
+    if free.num_registered < solution.num_registered:
         return mapping
     free = dataclasses.replace(free, initial_pair=solution.initial_pair, restarts=solution.restarts)
     return mapping.replace(solution=free, lens_free=freed)

@@ -21,7 +21,7 @@ from gsut.sfm.lens.differences import measure_lens_difference, measure_pose_diff
 from gsut.sfm.lens.information import GROUPS
 from gsut.sfm.lens.prior import find_focal, find_lens
 from gsut.sfm.mapping import Mapping
-from gsut.sfm.matches import keep_most_distinct
+from gsut.sfm.matches import ALL_UP_TO, keep_most_distinct
 from gsut.sfm.photographs import FEWEST_OF_MODEL
 from gsut.sfm.solution import (
     Adjustment,
@@ -29,10 +29,6 @@ from gsut.sfm.solution import (
     ReadoutMotion,
     Solution,
 )
-
-# Most images that are adjusted anew without a group. Of more, one linear step must do, which said a
-# third of it of a capture of 50.
-_MOST_ADJUSTED = 100
 
 
 def adjust_without_groups(mapping: Mapping, flags: LensFlags) -> list[Solution] | None:
@@ -45,7 +41,8 @@ def adjust_without_groups(mapping: Mapping, flags: LensFlags) -> list[Solution] 
     images, is_one = np.flatnonzero(solution.registered), isinstance(flags, np.ndarray)
     if not is_one or mapping.photographs.frames is not None:
         return None
-    if not FEWEST_OF_MODEL <= len(images) <= _MOST_ADJUSTED:
+    # Of more images one linear step must do, which said a third of it of a capture of 50.
+    if not FEWEST_OF_MODEL <= len(images) <= ALL_UP_TO:
         return None
     pairs = keep_most_distinct(mapping.pairs)
     adjustment = Adjustment(

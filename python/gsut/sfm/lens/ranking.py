@@ -55,42 +55,25 @@ class LensRanking:
         options: PosesOptions,
         error_factor: float = 1.0,
     ) -> None:
-        chosen = choose_informative_pairs(features, raw)
-        images = sorted({int(image) for i in chosen for image in raw.pairs[i]})
-        place = {image: index for index, image in enumerate(images)}
-        of_chosen = [[place[int(a)], place[int(b)]] for a, b in raw.pairs[chosen]]
-        self._pairs = np.array(of_chosen, np.int64).reshape(-1, 2)
-        # Features that no match names would only cost time, each with each lens.
-        matches = [raw.matches[i][:ENOUGH_MATCHES] for i in chosen]
-        named = [np.zeros(len(features[image]), bool) for image in images]
-        for (a, b), rows in zip(self._pairs, matches, strict=True):
-            named[a][rows[:, 0]] = named[b][rows[:, 1]] = True
-        self._pixels = [
-            features[image].pixels[own] for image, own in zip(images, named, strict=True)
-        ]
-        number = [np.cumsum(own, dtype=np.int32) - 1 for own in named]
-        self._matches = [
-            np.stack([number[a][rows[:, 0]], number[b][rows[:, 1]]], axis=1)
-            for (a, b), rows in zip(self._pairs, matches, strict=True)
-        ]
+        self._pixels = []
+        for index in choose_informative_pairs(features, raw):
+            ends = zip(raw.pairs[index], raw.matches[index][:ENOUGH_MATCHES].T, strict=True)
+            self._pixels.append([features[image].pixels[rows] for image, rows in ends])
         self._error = error_factor * options.max_two_view_error / 1000
         self._seed = options.seed
 
     def measure_shares(self, camera: Camera) -> np.ndarray:
         """Returns the share (P,) of each pair's matches that agree through this lens."""
-        bearings = [_core.ImageBearings(camera, pixels) for pixels in self._pixels]
-        valid = [b.valid for b in bearings]
+        bearings = [_core.ImageBearings(camera, own) for pair in self._pixels for own in pair]
         seen = [
-            m[valid[a][m[:, 0]] & valid[b][m[:, 1]]]
-            for (a, b), m in zip(self._pairs, self._matches, strict=True)
+            np.flatnonzero(one.valid & other.valid)[:, None].repeat(2, axis=1).astype(np.int32)
+            for one, other in zip(bearings[::2], bearings[1::2], strict=True)
         ]
         error = self._error * float(np.hypot(camera.width, camera.height))
-        found = _core.verify_pairs(bearings, self._pairs, seen, error, self._seed)
+        ends = np.arange(len(bearings)).reshape(-1, 2)
+        found = _core.verify_pairs(bearings, ends, seen, error, self._seed)
         return np.array(
-            [
-                float(inliers.sum()) / len(matches)
-                for (inliers, *_), matches in zip(found, self._matches, strict=True)
-            ]
+            [each[0].sum() / len(pair[0]) for each, pair in zip(found, self._pixels, strict=True)]
         )
 
     def rank_lenses(

@@ -10,7 +10,7 @@ import numpy as np
 from gsut._core import SolveError
 from gsut.lens import Camera, convert_camera
 from gsut.sampling import ENOUGH_PICTURES
-from gsut.sfm.lens.candidates import explain_implausible, list_lens_ladder
+from gsut.sfm.lens.candidates import list_lens_ladder
 from gsut.sfm.lens.ranking import ROUGH, LensRanking, RankedLens
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import (
@@ -36,7 +36,6 @@ FIRST_IMAGES = ENOUGH_PICTURES
 _NEAR_BEST = 0.96  # share of the best lens' score that such a lens must have
 # Median error over the diagonal that confirms a first lens if all images are registered.
 _CONFIRMED = 0.5e-3
-_VERIFY_AGAIN = 0.03  # relative change of the focal length after which matches are verified again
 _PERSPECTIVE_UP_TO = math.radians(50.0)  # from the axis
 ADVICE = "give a rough field of view by --fov, or a lens by --camera"
 
@@ -71,8 +70,8 @@ def choose_lens(mapping: Mapping) -> tuple[Camera, np.ndarray, list[PairMatches]
     First lenses (the photographs' candidates of the database or EXIF, and a ladder of fields of
     view and kinds) are ranked by the matches of some pairs that agree through them. With the best
     of them the focal length and the first coefficient are estimated on a few images. Pixels are
-    square, and the principal point is the image's centre; impossible lenses are rejected. Further
-    coefficients are estimated with all images, near what `find_lens_prior` says.
+    square, and the principal point is the image's centre. Further coefficients are estimated with
+    all images, near what `find_lens_prior` says.
 
     Returns:
         The lens, flags of its estimated parameters (see `Adjustment`), and the pairs of all
@@ -82,7 +81,6 @@ def choose_lens(mapping: Mapping) -> tuple[Camera, np.ndarray, list[PairMatches]
         SolveError: see `search_lens`.
     """
     first, raw, log = mapping.photographs.lenses[0], mapping.raw, mapping.log
-    trials = _Trials(mapping)
     factor = 1.0 if mapping.shutter is None else ROUGH
     ranking = LensRanking(mapping.features, raw, mapping.options, factor)
     ladder = list_lens_ladder(first.width, first.height, mapping.options.fov)
@@ -90,19 +88,19 @@ def choose_lens(mapping: Mapping) -> tuple[Camera, np.ndarray, list[PairMatches]
         mapping.photographs.candidates, ladder,
         lambda done, total: log.show_share("lens", 0.25 * done / total, "first lenses"),
     )  # fmt: skip
-    pairs = trials.verify(ranked[0].camera)
+    pairs = _verify(mapping, ranked[0].camera)
     require_overlap(mapping.images, pairs, is_lens_known=False)
     try:
-        best = _solve_first_images(trials, pairs, ranked)
+        best = _solve_first_images(mapping, pairs, ranked)
     except SolveError as error:
         raise explain_failure(error, mapping.features, pairs, ADVICE) from None
-    if abs(best.cameras[0].params[0] / ranked[0].camera.params[0] - 1) > _VERIFY_AGAIN:
-        pairs = trials.verify(best.cameras[0])
+    if not _is_near(best.cameras[0].params[0], ranked[0].camera.params[0]):
+        pairs = _verify(mapping, best.cameras[0])
     return *_choose_model(best), pairs
 
 
 def _solve_first_images(
-    trials: _Trials, pairs: Sequence[PairMatches], ranked: Sequence[RankedLens]
+    mapping: Mapping, pairs: Sequence[PairMatches], ranked: Sequence[RankedLens]
 ) -> Solution:
     """Reconstructs a few images with the lenses ranked first; returns the best solution."""
     few = choose_connected_pairs(pairs, FIRST_IMAGES)
@@ -111,14 +109,14 @@ def _solve_first_images(
     tried: list[float] = []
     for number, lens in enumerate(ranked):
         focal = float(lens.camera.params[0])
-        known = any(abs(math.log(focal / other)) < SAME_FOCAL for other in tried)
+        known = any(_is_near(focal, other) for other in tried)
         if known or (found and lens.share < _NEAR_BEST * ranked[0].share):
             continue
         if len(tried) == MOST_TRIED:
             break
         if number:
-            few = trials.verify(lens.camera, wanted)
-        solution = trials.solve(lens.camera, keep_most_distinct(few))
+            few = _verify(mapping, lens.camera, wanted)
+        solution = _try_lens(mapping, lens.camera, keep_most_distinct(few))
         tried.append(focal)
         if solution is None:
             continue
@@ -128,10 +126,13 @@ def _solve_first_images(
         if solution.num_registered == images and solution.median < _CONFIRMED * size:
             break
     if not found:
-        refused = trials.refused
-        of_none = f"; the lens found is that of no camera ({refused[0]})" if refused else ""
-        raise SolveError(f"no lens tried gives a reconstruction{of_none}")
+        raise SolveError("no lens tried gives a reconstruction")
     return max(found, key=lambda each: (each.num_registered, len(each.observations)))
+
+
+def _is_near(focal: float, other: float) -> bool:
+    """Returns whether two focal lengths are so near that one of them is tried."""
+    return abs(math.log(focal / other)) < SAME_FOCAL
 
 
 def _choose_model(best: Solution) -> tuple[Camera, np.ndarray]:
@@ -147,39 +148,23 @@ def _choose_model(best: Solution) -> tuple[Camera, np.ndarray]:
     ), _PERSPECTIVE  # fmt: skip
 
 
-class _Trials:
-    """Solutions with one lens after the other.
+def _verify(
+    mapping: Mapping, lens: Camera, wanted: set[tuple[int, int]] | None = None
+) -> list[PairMatches]:
+    """Verifies the matches of all pairs, or of those wanted, through a lens."""
+    raw = mapping.raw if wanted is None else select_pairs(mapping.raw, wanted)
+    return verify_matches(mapping.images.with_lens(lens), raw, mapping.options)
 
-    Attributes:
-        refused: why lenses that trials found are those of no camera.
-    """
 
-    def __init__(self, mapping: Mapping) -> None:
-        self.refused: list[str] = []
-        self._mapping = mapping
+def _try_lens(mapping: Mapping, lens: Camera, pairs: Sequence[PairMatches]) -> Solution | None:
+    """Reconstructs from nothing but matches with the lens free; None where that fails."""
 
-    def verify(self, lens: Camera, wanted: set[tuple[int, int]] | None = None) -> list[PairMatches]:
-        """Verifies the matches of all pairs, or of those wanted, through a lens."""
-        own = self._mapping
-        raw = own.raw if wanted is None else select_pairs(own.raw, wanted)
-        return verify_matches(own.images.with_lens(lens), raw, own.options)
-
-    def solve(self, lens: Camera, pairs: Sequence[PairMatches]) -> Solution | None:
-        """Reconstructs from nothing but matches; None where it fails, or no camera has the lens."""
-        own = self._mapping
-        try:
-            found = solve_poses(
-                own.images.with_lens(lens), pairs, own.options, self._show,
-                Adjustment(START, covariances=False),
-            )  # fmt: skip
-        except SolveError:
-            return None
-        reason = explain_implausible(found.cameras[0], own.features)
-        if reason is None:
-            return found
-        self.refused.append(reason)
-        return None
-
-    def _show(self, done: int, total: int, points: int, step: str) -> None:
+    def show(done: int, total: int, points: int, step: str) -> None:
         text = f"{done} images, {points:,} points"
-        self._mapping.log.show_share("lens", 0.25 + 0.5 * done / total, text)
+        mapping.log.show_share("lens", 0.25 + 0.5 * done / total, text)
+
+    images, adjustment = mapping.images.with_lens(lens), Adjustment(START, covariances=False)
+    try:
+        return solve_poses(images, pairs, mapping.options, show, adjustment)
+    except SolveError:
+        return None

@@ -20,7 +20,7 @@ from gsut.judge import (
 )
 from gsut.least_squares import ROUNDS
 from gsut.lens import Camera
-from gsut.sfm.lens.candidates import explain_implausible, list_lens_ladder
+from gsut.sfm.lens.candidates import list_lens_ladder
 from gsut.sfm.lens.ranking import (
     PAIRS,
     ROUGH,
@@ -140,10 +140,7 @@ def _try_lenses(
     turns, poses = [], [_explain_by_poses(sample, lenses[int(np.argmax(agree))], limit)]
     for each in order[:MOST_TRIED]:
         lens = _fit_lens(sample, lenses[each], limit)
-        if (
-            _measure_field(lens) >= _LEAST_FIELD
-            and explain_implausible(lens, mapping.features) is None
-        ):
+        if _measure_field(lens) >= _LEAST_FIELD:
             poses.append(_explain_by_poses(sample, [lens] * count, limit))
             turns.append(_fit_turns(sample, poses[-1], [lens] * count, limit)[0])
     return turns, poses

@@ -24,7 +24,6 @@ from gsut.sfm.matches.selection import (
 from gsut.sfm.matches.verification import (
     ALL_SAME,
     FEWEST_MATCHES,
-    LARGEST_OFFSET,
     MIN_ANGLE_DEGREES,
     ROLLING_ERROR,
     explain_failure,

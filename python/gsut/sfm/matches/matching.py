@@ -17,9 +17,11 @@ BATCH = 64  # pairs between two refreshes of the progress bar
 _STAGE = "matches"  # name of the stage file
 # Visual words that a vocabulary has: enough to rank images by likeness, and quick to find.
 _WORDS = 64
-ALL_UP_TO = 100  # images, of which all pairs are compared
+ALL_UP_TO = 100  # images, of which all pairs are compared, and all are adjusted several times
 WINDOW = 8  # images after each that it is compared with, where names count up
-PREVIEW_FEATURES = 700  # the largest of an image, by which it is found which images look alike
+# The largest of an image, by which it is found which images look alike; an image with fewer is
+# blurred, dark or without texture.
+PREVIEW_FEATURES = 700
 _PREVIEW_MATCHES = 8  # of them that must match
 # Most images that an image is compared with in full: those with the most matches of the largest
 # features.

@@ -24,9 +24,9 @@ FEWEST_IMAGES = 2  # that poses, or a point, can be estimated from
 # Kannala-Brandt coefficients of a perspective lens: tan(x) / x = 1 + x^2/3 + 2 x^4/15 + ...
 TANGENT = (1 / 3, 2 / 15, 17 / 315, 62 / 2835)
 FEWEST_OF_MODEL = 4  # that are worth a model of their own: fewer leave their lens open
-HELD_BY = 3  # of which any may be left out, and the others still hold a point
+HELD_BY = 3  # of which any may be wrong or left out, and the others still hold a point, or a doubt
 MOST_TRIED = 3  # lenses: each costs a trial reconstruction
-SAME_FOCAL = 0.1  # difference of the logarithms of focal lengths of which one is tried
+SAME_FOCAL = 0.1  # difference of the logarithms of focal lengths of which one is tried or verified
 
 
 @dataclasses.dataclass(frozen=True)

@@ -12,14 +12,12 @@ from gsut.data import list_some
 from gsut.data.poses import find_centers
 from gsut.data.rigs import Rig, measure_changes
 from gsut.judge import SURE
+from gsut.judge.checks import SHAKY
 from gsut.sfm.photographs import Photographs
 from gsut.sfm.rig.observability import MountUncertainty
 from gsut.sfm.rig.start import RigStart
 from gsut.sfm.solution import Solution
 
-# Growth of the median residual with one pose a frame that contradicts a rig: as in `gsut
-# calibrate`, where boards show that images were not taken together.
-SHAKY = 1.5
 _AXES = ("x (right)", "y (down)", "z (forward)")
 _NEARLY = 0.95  # cosine from which a direction is called by an axis
 # Of poses.json, in place of the sentence for single images.

@@ -12,11 +12,12 @@ from gsut._core import SolveError
 from gsut.data.poses import invert_pose
 from gsut.data.rigs import Rig
 from gsut.gaussians import find_nearest_rotation, measure_rotation_angles
+from gsut.judge import SAME_DEGREES
+from gsut.judge.checks import SHAKY
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.photographs import Photographs
-from gsut.sfm.rig.description import SHAKY
 from gsut.sfm.rig.fit import RIG, put_on_rig
-from gsut.sfm.rig.start import FEWEST_FRAMES, SAME_DEGREES
+from gsut.sfm.rig.start import FEWEST_FRAMES
 from gsut.sfm.solution import CENTER, LensFlag, Solution
 
 LENS_NAMES = ("front", "back")

@@ -15,11 +15,8 @@ from gsut.gaussians import (
     find_rotation_vectors,
     measure_rotation_angles,
 )
+from gsut.judge import SAME_DEGREES, SURE
 
-# Difference from the rig's rotation between two cameras of a frame beyond which one of the images
-# was placed wrongly.
-SAME_DEGREES = 5.0
-_WRONG_DEGREES = 15.0  # median over all frames beyond which the rig is wrong
 FEWEST_FRAMES = 4  # that a mean turn is taken over
 
 
@@ -96,7 +93,7 @@ def place_rig(
                 scales.append(float(apart @ (centers[j] - centers[i])) / squared)
                 weights.append(squared)
     angles = [np.linalg.norm(vector) for vectors in turned.values() for vector in vectors]
-    if angles and np.median(angles) > _WRONG_DEGREES:
+    if angles and np.median(angles) > SURE * SAME_DEGREES:
         raise SolveError(
             "in the images the rotation between two cameras differs by "
             f"{np.median(angles):.0f} degrees from that in {rig.source}: is "

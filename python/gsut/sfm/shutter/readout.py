@@ -21,13 +21,13 @@ import numpy as np
 from gsut.least_squares import ROUNDS
 from gsut.lens import Camera
 from gsut.sfm.lens import GROUPS, WeightedObservations, differentiate_by_turn, invert_scaled
+from gsut.sfm.photographs import HELD_BY
 from gsut.sfm.solution import FEATURE_VARIANCE, Solution, transform_to_cameras
 
 _DRAWS = 4  # of the velocities' errors: their mean is known to a fifth
 _LEAST_RELIABLE = 0.5  # larger errors of the velocities are not known well enough
 _FEWEST_CORNERS = 8  # of known depth: six unknowns and some to judge them by
 _NEAR = 0.08  # of the diagonal: farther points do not show the depth of a corner
-_NEAREST = 3  # points that the depth of a corner is taken from
 
 
 @dataclasses.dataclass(frozen=True)
@@ -164,10 +164,10 @@ def _find_distances(
     pixels: np.ndarray, distances: np.ndarray, at: np.ndarray, camera: Camera
 ) -> np.ndarray:
     """Returns (M,) the distances of what is seen at pixels (M, 2), by points nearby, or NaN."""
-    if len(pixels) < _NEAREST:
+    if len(pixels) < HELD_BY:
         return np.full(len(at), np.nan)
     away = np.linalg.norm(at[:, None] - pixels[None], axis=2)
-    nearest = np.argsort(away, axis=1, kind="stable")[:, :_NEAREST]
+    nearest = np.argsort(away, axis=1, kind="stable")[:, :HELD_BY]
     near = np.take_along_axis(away, nearest, axis=1)[:, -1]
     found = np.median(distances[nearest], axis=1)
     return np.where(near < _NEAR * np.hypot(camera.width, camera.height), found, np.nan)

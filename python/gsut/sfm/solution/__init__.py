@@ -3,7 +3,6 @@
 from gsut.sfm.solution.adjustment import (
     CENTER,
     LOSS_SCALE,
-    MIN_INLIERS,
     Adjustment,
     LensFlag,
     LensFlags,
@@ -15,7 +14,11 @@ from gsut.sfm.solution.adjustment import (
     find_lens_prior,
     index_lenses,
 )
-from gsut.sfm.solution.evidence import compare_solutions, measure_contradiction
+from gsut.sfm.solution.evidence import (
+    compare_solutions,
+    measure_contradiction,
+    measure_match_errors,
+)
 from gsut.sfm.solution.look_alikes import LookAlikes, separate_look_alikes
 from gsut.sfm.solution.models import find_further_models, solve_left_out
 from gsut.sfm.solution.result import (

@@ -35,7 +35,6 @@ _GROUP_SIZE = 4  # an image with those that share most points with it
 # Share of the expected points that are seen, in the mean over an image's pairs, below which the
 # image is doubted: true loops have 0.77 and more, half of the images of folded walks less than 0.6.
 _LEAST_SHARE = 0.6
-_FEWEST_DOUBTED = 3  # images, or pairs of few images, for a doubt at all
 _LEAST_OF_ALL = 0.1  # share of the comparable images that must be doubted, for a doubt at all
 # The limits above for each two of few images, by their own matches: most are found from farther
 # apart.
@@ -203,7 +202,7 @@ def _gather_evidence(solution: Solution, times: np.ndarray | None, near: int) ->
     mean = np.where(known, shares, 0).sum(axis=1) / np.maximum(of_image, 1)
     comparable = of_image > 1  # one alone may be an exception
     doubted = comparable & (mean < _LEAST_SHARE)
-    if doubted.sum() < max(_FEWEST_DOUBTED, _LEAST_OF_ALL * comparable.sum()):
+    if doubted.sum() < max(HELD_BY, _LEAST_OF_ALL * comparable.sum()):
         doubted[:] = False
     return _Evidence(shares, joined, doubted, np.zeros_like(shares))
 
@@ -240,7 +239,7 @@ def _compare_matches(solution: Solution, pairs: list[PairMatches]) -> _Evidence:
     joined = _find_stays(np.ones_like(matching), matching)
     apart = (shares < _LEAST_MATCHED) & ~joined
     doubted = apart.any(axis=1)
-    if apart.sum() <= 2 * max(apart.sum(axis=1).max(), _FEWEST_DOUBTED - 1):
+    if apart.sum() <= 2 * max(apart.sum(axis=1).max(), HELD_BY - 1):
         doubted[:] = False
     return _Evidence(shares, joined, doubted, np.where(apart, points - seen - seen.T, 0))
 

@@ -11,7 +11,6 @@ from gsut.sfm.lens import index_points, measure_pose_differences
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import PairMatches, keep_most_distinct
 from gsut.sfm.solution import (
-    MIN_INLIERS,
     Adjustment,
     ReadoutMotion,
 )
@@ -21,8 +20,9 @@ MOST_IMAGES = 200
 _SHARES = (0.9, 0.6)  # of the pairs of images, that agree where poses are good, and usable
 # Images times draws of halves, at least: of few images one draw says little, and costs little.
 _IMAGES_DRAWN = 40
-# Half of the matches hold an image that all of them hold.
-HALF_INLIERS = MIN_INLIERS // 2
+# Half of the matches hold an image that all of them hold. A pose found by three points fits these,
+# and if it is wrong one or two more of a hundred.
+HALF_INLIERS = Adjustment.min_inliers // 2
 
 
 def compare_halves(mapping: Mapping) -> Mapping:

@@ -11,27 +11,16 @@ from gsut import _core
 from gsut._core import SolveError
 from gsut.data import list_some
 from gsut.data.poses import invert_pose
-from gsut.judge import measure_angular_errors, measure_pixels_per_radian
-from gsut.sfm.lens import join_points
+from gsut.judge import TINY
+from gsut.sampling import MAJORITY
+from gsut.sfm.lens import ROUGH, join_points
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import PairMatches
-from gsut.sfm.solution import Adjustment, ReadoutMotion, Solution
-from gsut.sfm.starts.halves import MOST_IMAGES
+from gsut.sfm.solution import Adjustment, ReadoutMotion, Solution, measure_match_errors
+from gsut.sfm.starts.halves import HALF_INLIERS, MOST_IMAGES
 
 # Share of the joined points that a pose must fit: chance fits one in thousands.
 _FITS = 0.2
-# Points that a pose must fit. Three fit always; a wrong pose fits one or two more of a hundred.
-_FEWEST = 8
-# Share of the points of the image that fits most, below which an image waits for another round: by
-# then others may show where it belongs.
-_NEARLY = 0.6
-# Factor on the largest error of a point while a pose is sought: points that few images hold are
-# not where they will be.
-_LOOSER = 2.0
-# Points of at least two other images that an image must observe once it is adjusted: from them on
-# poses were right to about a degree.
-_FEWEST_HELD = 10
-_FEWEST_MATCHES = 4  # of a pair of images whose poses are known: a few may be wrong
 
 
 def register_left_out(mapping: Mapping) -> Mapping:
@@ -51,7 +40,7 @@ def register_left_out(mapping: Mapping) -> Mapping:
     before = set(mapping.solved.unregistered_names)
     while not mapping.solved.registered.all() and len(mapping.solved.points):
         poses = _find_poses(mapping)
-        best = [each for each in poses if each[0] >= _NEARLY * poses[0][0]]
+        best = [each for each in poses if each[0] >= MAJORITY * poses[0][0]]
         more = _add_images(mapping, best)
         if more is None and len(best) < len(poses):
             more = _add_images(mapping, poses)
@@ -77,13 +66,13 @@ def _find_poses(mapping: Mapping) -> list[tuple[int, int, np.ndarray]]:
         lens = solution.cameras[image]
         bearings = _core.ImageBearings(lens, mapping.features[image].pixels[rows[:, 0]])
         good = np.flatnonzero(bearings.valid)
-        if len(good) < _FEWEST:
+        if len(good) < HALF_INLIERS:
             continue
         points = solution.points[rows[good, 1]]
         limit = _limit_error(mapping, image)
         pose, fits = _core.absolute_pose(bearings, good, points, limit, options.seed)
         count = len(np.unique(rows[good[fits], 1]))
-        if count >= max(_FEWEST, _FITS * len(rows)):
+        if count >= max(HALF_INLIERS, _FITS * len(rows)):
             found.append((count, image, pose))
     return sorted(found, key=lambda each: -each[0])
 
@@ -91,7 +80,7 @@ def _find_poses(mapping: Mapping) -> list[tuple[int, int, np.ndarray]]:
 def _limit_error(mapping: Mapping, image: int) -> float:
     """Returns the largest error of an image's points while its pose is sought, in pixels."""
     lens = mapping.solved.cameras[image]
-    return _LOOSER * mapping.options.max_error * math.hypot(lens.width, lens.height) / 1000
+    return ROUGH * mapping.options.max_error * math.hypot(lens.width, lens.height) / 1000
 
 
 def _add_images(mapping: Mapping, found: list[tuple[int, int, np.ndarray]]) -> Mapping | None:
@@ -110,7 +99,7 @@ def _add_images(mapping: Mapping, found: list[tuple[int, int, np.ndarray]]) -> M
         pairs = [*mapping.pairs, *_match_images(mapping, start, set(poses))]
         adjustment = Adjustment(
             mapping.lens_free, motion=ReadoutMotion.follow(solution), extend=True,
-            turns=mapping.turns, min_inliers=_FEWEST,
+            turns=mapping.turns, min_inliers=HALF_INLIERS,
         )  # fmt: skip
         try:
             more = mapping.adjust(adjustment, start, pairs, "mapping")
@@ -118,7 +107,7 @@ def _add_images(mapping: Mapping, found: list[tuple[int, int, np.ndarray]]) -> M
             poses = dict(list(poses.items())[: len(poses) // 2])
             continue
         held = _count_held(more, solution.registered)
-        kept = {image: pose for image, pose in poses.items() if held[image] >= _FEWEST_HELD}
+        kept = {image: pose for image, pose in poses.items() if held[image] >= HALF_INLIERS}
         if len(kept) == len(poses):
             if not np.all(more.registered[start.registered]):
                 return None
@@ -137,35 +126,33 @@ def _count_held(solution: Solution, others: np.ndarray) -> np.ndarray:
 def _match_images(mapping: Mapping, start: Solution, images: set[int]) -> list[PairMatches]:
     """Returns the matches that meet, of pairs with such an image that were not verified."""
     verified = {(pair.first, pair.second) for pair in mapping.pairs}
-    found = []
+    predicted = []
     for pair, matches in zip(mapping.raw.pairs, mapping.raw.matches, strict=True):
         first, second = (int(image) for image in pair)
         is_open = (first in images or second in images) and (first, second) not in verified
         if is_open and start.registered[first] and start.registered[second]:
-            meeting = _find_meeting(mapping, start, (first, second), matches)
-            if len(meeting.matches) >= _FEWEST_MATCHES:
-                found.append(meeting)
+            relative = start.camera_from_world[second] @ invert_pose(start.camera_from_world[first])
+            relative[:3, 3] /= max(float(np.linalg.norm(relative[:3, 3])), TINY)
+            predicted.append(PairMatches(first, second, matches, relative, 0, 0.0, True))
+    errors = measure_match_errors(start, mapping.features, predicted)
+    ends = np.cumsum([len(pair.matches) for pair in predicted])
+    found = []
+    for pair, own in zip(predicted, np.split(errors, ends), strict=False):  # the last part is empty
+        matches = pair.matches[own < _limit_error(mapping, pair.first)]
+        if len(matches):
+            pair = dataclasses.replace(pair, matches=matches)
+            found.append(
+                dataclasses.replace(pair, parallax=_measure_parallax(mapping, start, pair))
+            )
     return found
 
 
-def _find_meeting(
-    mapping: Mapping, start: Solution, pair: tuple[int, int], matches: np.ndarray
-) -> PairMatches:
-    """Finds the matches (M, 2) of a pair of images whose rays meet under their poses."""
-    poses = start.camera_from_world[list(pair)]
-    world_from_camera = np.array([invert_pose(pose) for pose in poses])
-    rays = np.full((2, len(matches), 3), np.nan)
-    for own, image, column in zip(rays, pair, matches.T, strict=True):
-        seen, valid = start.cameras[image].unproject(mapping.features[image].pixels[column])
-        own[valid] = seen[valid]
-    errors = measure_angular_errors(
-        rays, np.repeat(world_from_camera[:, None], len(matches), axis=1)
-    ) * measure_pixels_per_radian(start.cameras[pair[0]])
-    meets = errors < _limit_error(mapping, pair[0])
-    one, other = np.einsum("sij,smj->smi", world_from_camera[:, :3, :3], rays[:, meets])
+def _measure_parallax(mapping: Mapping, start: Solution, pair: PairMatches) -> float:
+    """Measures the parallax of a pair of images whose poses are known, see `PairMatches`."""
+    one, other = (
+        start.cameras[image].unproject(mapping.features[image].pixels[column])[0]
+        @ start.camera_from_world[image, :3, :3]
+        for image, column in zip((pair.first, pair.second), pair.matches.T, strict=True)
+    )
     sine = np.linalg.norm(np.cross(one, other), axis=1)
-    parallax = np.arctan2(sine, np.sum(one * other, axis=1))
-    relative = poses[1] @ world_from_camera[0]
-    relative[:3, 3] /= max(float(np.linalg.norm(relative[:3, 3])), 1e-12)
-    upper = float(np.percentile(parallax, 75)) if len(parallax) else 0.0
-    return PairMatches(*pair, matches[meets], relative, 0, upper, is_predicted=True)
+    return float(np.percentile(np.arctan2(sine, np.sum(one * other, axis=1)), 75))

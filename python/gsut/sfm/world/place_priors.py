@@ -15,6 +15,7 @@ import numpy as np
 from gsut._core import SolveError
 from gsut.data.poses import find_centers
 from gsut.judge import KEPT, SURE
+from gsut.judge.checks import SHAKY
 from gsut.lens import find_focal_params
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.solution import Adjustment, LensFlags, ReadoutMotion, Solution, StatedPlaces
@@ -25,8 +26,6 @@ _VERTICAL = 2.0
 _RESOLUTION = 0.1
 # Unknowns of the similarity along the ground: scale, turn and shift.
 _FITTED = 4
-# Growth of the median residual above which images contradict the places.
-_MOST_WORSE = 1.1
 
 
 # (mapping, solution, places, flags of lenses) -> solution near these places.
@@ -120,6 +119,6 @@ def try_adjustment(
     agrees = (
         held.num_registered == solution.num_registered
         and len(held.points) >= KEPT * len(solution.points)
-        and held.median <= _MOST_WORSE * solution.median
+        and held.median <= SHAKY * solution.median
     )
     return held if agrees else None
