@@ -41,7 +41,7 @@ PICTURE_CHECKS: tuple[Check[PictureQuality], ...] = (
         "features", lambda q: q.featureless / max(1, q.images), MANY, _MOST,
         lambda q: f"{q.featureless} of {q.images} images have few features: blurred, dark or "
         "without texture",
-        "hold the camera still, film more slowly or with more light",
+        "keep something with texture in view, in focus and well lit, and hold the camera still",
     ),
 )  # fmt: skip
 

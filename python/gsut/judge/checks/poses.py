@@ -142,8 +142,8 @@ def _choose_step_on_matches(q: PosesQuality) -> str:
     if q.focal_sigma is None and q.agreement < FEW_AGREE:
         return _ESTIMATE_LENS
     return (
-        "give --shutter rolling if the camera moved fast, or put up something that sets places "
-        "apart which look alike"
+        "put up something that sets places apart which look alike, or give --shutter rolling if "
+        "the camera moved fast"
     )
 
 
