@@ -20,7 +20,9 @@ from gsut.significance import convert_to_normal
 # Standard deviations of its gain, as rare as in a normal law, from which a rival wins: the one
 # limit of all choices.
 SURE = 3.0
-KEPT = 0.9  # share of the images or points of a solution that one in its place must have
+# Share of the images or points of a solution, or of the matches of a lens, that another one in its
+# place must have.
+KEPT = 0.9
 _ROUNDS = 20  # of expectation and maximization, which settle in about ten
 MEDIAN_DEVIATION = 1.4826  # standard deviation of a normal law, in median absolute deviations
 LEAST_NOISE = 0.01  # pixels: no feature is found better

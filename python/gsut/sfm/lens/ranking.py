@@ -14,7 +14,6 @@ from gsut.sfm.photographs import Features, PosesOptions
 
 PAIRS = 24  # of images that lenses are compared by: more hardly change the order
 _PAIRS_OF_AN_IMAGE = 2  # at most, so that the pairs spread over the images
-_FAVOUR = 1.02  # factor on the share of a lens that the database or EXIF suggests
 ROUGH = 3.0  # factor on the largest error where a lens or a shutter is only nearly right
 # Spread of a pair's displacements over the extent of its features, beyond which more is no better:
 # pairs that move constrain a lens more than pairs with many matches.
@@ -85,7 +84,7 @@ class LensRanking:
         """Ranks lenses, best first.
 
         Args:
-            likely: lenses that are preferred even if they score a little worse.
+            likely: lenses that are preferred where they score the same.
             others: further lenses.
             on_lens: called with (lenses done, lenses in all).
         """
@@ -94,8 +93,7 @@ class LensRanking:
         for done, camera in enumerate(candidates, 1):
             ranked.append(RankedLens(camera, self.measure_shares(camera)))
             on_lens(done, len(candidates))
-        favour = {camera: _FAVOUR for camera in likely}
-        return sorted(ranked, key=lambda lens: -lens.share * favour.get(lens.camera, 1.0))
+        return sorted(ranked, key=lambda lens: -lens.share)
 
 
 def choose_informative_pairs(features: Sequence[Features], raw: RawMatches) -> np.ndarray:

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gsut._core import SolveError
+from gsut.judge import KEPT
 from gsut.lens import Camera, convert_camera
 from gsut.sampling import ENOUGH_PICTURES
 from gsut.sfm.lens.candidates import list_lens_ladder
@@ -33,7 +34,6 @@ _PERSPECTIVE = np.array([*_FOCAL, *[LensFlag.FREE] * 2, 0, 0], np.uint8)
 _FISHEYE = np.array([*_FOCAL, *[LensFlag.FREE] * 4], np.uint8)
 # Images, best connected with each other, on which the first lenses are compared.
 FIRST_IMAGES = ENOUGH_PICTURES
-_NEAR_BEST = 0.96  # share of the best lens' score that such a lens must have
 # Median error over the diagonal that confirms a first lens if all images are registered.
 _CONFIRMED = 0.5e-3
 _PERSPECTIVE_UP_TO = math.radians(50.0)  # from the axis
@@ -110,7 +110,7 @@ def _solve_first_images(
     for number, lens in enumerate(ranked):
         focal = float(lens.camera.params[0])
         known = any(_is_near(focal, other) for other in tried)
-        if known or (found and lens.share < _NEAR_BEST * ranked[0].share):
+        if known or (found and lens.share < KEPT * ranked[0].share):
             continue
         if len(tried) == MOST_TRIED:
             break
