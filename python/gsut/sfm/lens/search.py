@@ -36,6 +36,7 @@ _FISHEYE = np.array([*_FOCAL, *[LensFlag.FREE] * 4], np.uint8)
 FIRST_IMAGES = ENOUGH_PICTURES
 # Median error over the diagonal that confirms a first lens if all images are registered.
 _CONFIRMED = 0.5e-3
+_VERIFY_AGAIN = 0.03  # relative change of the focal length after which matches are verified again
 _PERSPECTIVE_UP_TO = math.radians(50.0)  # from the axis
 ADVICE = "give a rough field of view by --fov, or a lens by --camera"
 
@@ -94,7 +95,7 @@ def choose_lens(mapping: Mapping) -> tuple[Camera, np.ndarray, list[PairMatches]
         best = _solve_first_images(mapping, pairs, ranked)
     except SolveError as error:
         raise explain_failure(error, mapping.features, pairs, ADVICE) from None
-    if not _is_near(best.cameras[0].params[0], ranked[0].camera.params[0]):
+    if abs(best.cameras[0].params[0] / ranked[0].camera.params[0] - 1) > _VERIFY_AGAIN:
         pairs = _verify(mapping, best.cameras[0])
     return *_choose_model(best), pairs
 

@@ -12,7 +12,6 @@ import numpy as np
 from gsut import _core
 from gsut._core import SolveError
 from gsut.sfm.matches import (
-    MAX_DISTANCE,
     MIN_ANGLE_DEGREES,
     ROLLING_ERROR,
     PairMatches,
@@ -38,6 +37,10 @@ from gsut.sfm.solution.result import (
 # Rounds of track extension at the end, in which points are sought in images that do not observe
 # them yet: more add few observations.
 _EXTEND_ROUNDS = 2
+# Search radius around the predicted pixel of a point, in thousandths of the image's diagonal.
+_EXTEND_RADIUS = 2.2
+# Largest distance of a feature's descriptor, of unit length, to the mean descriptor of the point.
+_EXTEND_DISTANCE = 0.8
 # Called with (registered images, images, points, name of the step) after each step.
 OnStep = Callable[..., None]
 
@@ -69,7 +72,7 @@ def solve_poses(
             times, folders = order_by_folder(images.names)
             settings |= {"frame_times": times.tolist(), "frame_cameras": folders.tolist()}
     if adjustment.covariances:
-        settings |= _list_extension_settings(images, settings)
+        settings |= _list_extension_settings(images)
     lenses = index_lenses(images.cameras, adjustment.lens_free)
     found = _core.estimate_poses(
         lenses.cameras, lenses.of_image, [f.pixels for f in images.features],
@@ -108,7 +111,7 @@ def adjust_poses(
     for stated in (adjustment.places, adjustment.points, adjustment.turns):
         settings |= {} if stated is None else stated.to_settings()
     if rig is not None or adjustment.extend:
-        settings |= _list_extension_settings(images, settings)
+        settings |= _list_extension_settings(images)
     lenses = index_lenses(images.cameras, adjustment.lens_free)
     found = _core.refine_structure(
         lenses.cameras, lenses.of_image, [f.pixels for f in images.features],
@@ -157,13 +160,13 @@ def adjust_registered(
     return _spread_solution(adjusted, chosen, solution)
 
 
-def _list_extension_settings(images: Images, settings: dict[str, Any]) -> dict[str, Any]:
-    """Returns the solver's settings for the extension of tracks within usual errors."""
+def _list_extension_settings(images: Images) -> dict[str, Any]:
+    """Returns the solver's settings for the extension of tracks."""
     return {
         "descriptors": [f.descriptors for f in images.features],
         "extend_rounds": _EXTEND_ROUNDS,
-        "extend_radius": settings["max_error"],
-        "extend_distance": MAX_DISTANCE,
+        "extend_radius": _EXTEND_RADIUS * measure_diagonal(images.cameras) / 1000,
+        "extend_distance": _EXTEND_DISTANCE,
     }
 
 
