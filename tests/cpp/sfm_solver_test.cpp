@@ -5,8 +5,10 @@
 #include <Eigen/Core>
 #include <vector>
 
+#include "gsut/base/isa.h"
 #include "gsut/base/parallel.h"
 #include "gsut/sfm/reduced_system.h"
+#include "gsut/sfm/subtract_product.h"
 #include "gsut/sfm/tiled_cholesky.h"
 #include "synthetic_bundle.h"
 
@@ -55,6 +57,31 @@ TEST(TiledCholesky, SolvesAsADenseMatrixDoes) {
   ASSERT_TRUE(matrix.Factorize());
   matrix.Solve(&side);
   EXPECT_LT((side - expected).norm(), kSolved * expected.norm());
+}
+
+// Rows of a pose, of one that moves, and of another block; columns that fill no vector.
+TEST(SubtractProducts, AgreesWithDenseMatricesOnEveryInstructionSet) {
+  Numbers numbers(73);
+  const auto random = [&](int rows, int columns) {
+    return Eigen::MatrixXd::NullaryExpr(rows, columns, [&] { return numbers.Uniform(-1, 1); });
+  };
+  for (const std::string& isa : AvailableIsas()) {
+    SetIsa(isa);
+    for (const int rows : {1, 5, 6, 8, 12}) {
+      for (const int inner : {2, 3}) {
+        const Eigen::MatrixXd a = random(rows, inner), m = random(inner, inner);
+        const Eigen::MatrixXd wide = random(6, inner), narrow = random(1, inner);
+        Eigen::MatrixXd out = random(rows + 3, 7), expected = out;
+        expected.topLeftCorner(rows, 6) -= a * m * wide.transpose();
+        expected.topRightCorner(rows, 1) -= 2.0 * a * m * narrow.transpose();
+        const ProductTerm last = {&out(0, 6), narrow.data(), 1};
+        const ProductTerm terms[] = {last, {out.data(), wide.data(), 6}, last};
+        SubtractProducts(terms, out.rows(), a.data(), m.data(), rows, inner);
+        EXPECT_LT((out - expected).norm(), 1e-14) << isa << ' ' << rows << ' ' << inner;
+      }
+    }
+  }
+  SetIsa("");
 }
 
 TEST(TiledCholesky, SaysWhereNothingIsDetermined) {

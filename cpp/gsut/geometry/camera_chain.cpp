@@ -10,13 +10,15 @@ namespace {
 struct Body {
   Eigen::Matrix3d rotation;  // at the time
   Eigen::Vector3d center;
+  Eigen::Matrix3d turn;  // exp(time w); not set if it stands still
 };
 
 Body BodyAt(const CameraChain& chain) {
-  Body body = {RotationOf(chain.pose), CenterOf(chain.pose)};
+  Body body = {RotationOf(chain.pose), CenterOf(chain.pose), {}};
   if (chain.velocity != nullptr) {
     const Eigen::Map<const Velocity> velocity(chain.velocity);
-    body.rotation = RotationOfVector(chain.time * velocity.tail<3>()) * body.rotation;
+    body.turn = RotationOfVector(chain.time * velocity.tail<3>());
+    body.rotation = body.turn * body.rotation;
     body.center += chain.time * velocity.head<3>();
   }
   return body;
@@ -65,7 +67,7 @@ ChainDerivatives Derivatives(const CameraChain& chain, const Eigen::Vector3d& in
   const double t = chain.time;
   const Eigen::Vector3d w = t * Eigen::Map<const Velocity>(chain.velocity).tail<3>();
   const Eigen::Matrix<double, 2, 3> by_turn = out.by_pose.rightCols<3>();
-  out.by_pose.rightCols<3>() = by_turn * RotationOfVector(w);
+  out.by_pose.rightCols<3>() = by_turn * body.turn;
   out.by_velocity.leftCols<3>() = -t * out.by_point;
   out.by_velocity.rightCols<3>() = t * by_turn * LeftJacobian(w);
   return out;

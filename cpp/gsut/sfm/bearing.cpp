@@ -48,14 +48,14 @@ Eigen::Vector2d BearingResidual(const Bearing& bearing, const Eigen::Vector3d& p
 
 Eigen::Vector2d BearingResidual(const Bearing& bearing, const Eigen::Vector3d& point_in_camera,
                                 Eigen::Matrix<double, 2, 3>* dresidual_dpoint) {
-  const double length = point_in_camera.norm();
-  const Eigen::Vector3d q = point_in_camera / length;
+  const double over_length = 1.0 / point_in_camera.norm();
+  const Eigen::Vector3d q = over_length * point_in_camera;
   const double scale = 2.0 / (1.0 + bearing.ray.dot(q));
   const Eigen::Vector2d image = bearing.dpixel_dray * q;
   // d(s J q)/dq = s J + J q ds/dq with ds/dq = -s^2 / 2 ray^T; then q = p / |p| projects across q.
   const Eigen::Matrix<double, 2, 3> dresidual_dq =
       scale * bearing.dpixel_dray - (0.5 * scale * scale) * image * bearing.ray.transpose();
-  *dresidual_dpoint = (dresidual_dq - (dresidual_dq * q) * q.transpose()) / length;
+  *dresidual_dpoint = over_length * (dresidual_dq - (dresidual_dq * q) * q.transpose());
   return scale * image;
 }
 

@@ -42,6 +42,9 @@ constexpr std::int64_t kObservationGrain = 512;
 // unknown that nothing sees would take any step.
 constexpr double kLeastDiagonal = 1e-6;
 
+// Makes SubtractProducts add.
+const Eigen::Matrix2d kMinus = -Eigen::Matrix2d::Identity();
+
 using RowMajor = Eigen::Matrix<double, 2, Eigen::Dynamic, Eigen::RowMajor>;
 using Jacobian = Eigen::Map<const RowMajor>;
 using MatrixX3 = Eigen::Matrix<double, Eigen::Dynamic, 3>;
@@ -132,11 +135,12 @@ void ReducedSystem::EliminatePoint(int point, double radius) {
     const Eigen::Matrix<double, 2, 3>& by_point = by_point_[i];
     own.noalias() += by_point.transpose() * by_point;
     gradient.noalias() += by_point.transpose() * residuals_[i];
+    const Eigen::Matrix<double, 3, 2> transposed = by_point.transpose();
     const double* row = &by_blocks_[2 * first_column_[i]];
     for (std::size_t k = first_block_[i]; k < first_block_[i + 1]; ++k) {
       const int size = sizes_[blocks_of_[k]];
-      Eigen::Map<MatrixX3>(&cross_[entries_[entry_of_[k]].at], size, 3).noalias() +=
-          Jacobian(row, 2, size).transpose() * by_point;
+      const ProductTerm term = {&cross_[entries_[entry_of_[k]].at], transposed.data(), 3};
+      SubtractProducts({&term, 1}, size, row, kMinus.data(), size, 2);
       row += 2 * size;
     }
   }
@@ -151,9 +155,15 @@ void ReducedSystem::FillRow(const Fill& fill, double radius) {
   const bool has_diagonal = Covers(fill, block);
   const std::ptrdiff_t stride = Stride(block);
   Eigen::VectorXd side = Eigen::VectorXd::Zero(size);
-  std::vector<double> opposite(2 * static_cast<std::size_t>(size));
-  // B^T B and -B^T r of the observations that have this block. SubtractProduct takes a minus, hence
-  // `opposite`. Only blocks of lower rank: S is symmetric, and its lower half is kept.
+  // Where the blocks of the row are. Only those of lower rank: S is symmetric, and its lower half
+  // is kept.
+  std::vector<double*> tiles(sizes_.size(), nullptr);
+  for (std::size_t other = 0; other < sizes_.size(); ++other) {
+    if (Covers(fill, static_cast<int>(other)))
+      tiles[other] = TileOf(block, static_cast<int>(other));
+  }
+  // B^T B and -B^T r of the observations that have this block.
+  std::vector<ProductTerm> terms;
   const std::vector<Part>& parts = parts_of_block_[block];
   for (std::size_t n = 0; n < parts.size(); ++n) {
     const Part& part = parts[n];
@@ -163,18 +173,14 @@ void ReducedSystem::FillRow(const Fill& fill, double radius) {
     }
     const double* row = &by_blocks_[2 * first_column_[i]];
     const double* own = row + 2 * part.column;
-    const Eigen::Vector2d& residual = residuals_[i];
-    for (int k = 0; k < size && has_diagonal; ++k) {
-      side[k] -= own[k] * residual[0] + own[size + k] * residual[1];
-    }
-    for (int k = 0; k < 2 * size; ++k) opposite[k] = -own[k];
+    const Eigen::Vector2d opposite = -residuals_[i];
+    terms.clear();
+    if (has_diagonal) terms.push_back({side.data(), opposite.data(), 1});
     for (const int other : BlocksOf(i)) {
-      if (Covers(fill, other)) {
-        SubtractProduct(TileOf(block, other), stride, opposite.data(), size, row, sizes_[other],
-                        size, sizes_[other], 2);
-      }
+      if (tiles[other] != nullptr) terms.push_back({tiles[other], row, sizes_[other]});
       row += 2 * sizes_[other];
     }
+    SubtractProducts(terms, stride, own, kMinus.data(), size, 2);
   }
   // Priors add to the diagonal alone. A held unknown gets a one: its row is zero otherwise, so that
   // its step is zero.
@@ -192,37 +198,33 @@ void ReducedSystem::FillRow(const Fill& fill, double radius) {
     own_[block] = Eigen::Map<const Eigen::MatrixXd, 0, Eigen::OuterStride<>>(
         TileOf(block, block), size, size, Eigen::OuterStride<>(stride));
   }
-  SubtractPoints(fill, &side);
+  SubtractPoints(block, tiles, has_diagonal ? side.data() : nullptr);
   if (has_diagonal) step_.segment(start_[block], size) = side;
 }
 
-// - W P^T B and + W P^T r of the points that the block sees.
-void ReducedSystem::SubtractPoints(const Fill& fill, Eigen::VectorXd* side) {
-  const int block = fill.block, size = sizes_[block];
-  const bool has_diagonal = Covers(fill, block);
-  const std::ptrdiff_t stride = Stride(block);
-  Eigen::VectorXd room(3 * size + 1);
+// - W P^T B and + W P^T r of the points that the block sees; tiles: null where the row has none.
+void ReducedSystem::SubtractPoints(int block, std::span<double* const> tiles, double* side) {
+  std::vector<ProductTerm> terms;
   const std::vector<int>& own_entries = entries_of_block_[block];
   for (std::size_t n = 0; n < own_entries.size(); ++n) {
     const Entry& entry = entries_[own_entries[n]];
-    if (n + kAhead < own_entries.size()) {
-      hwy::Prefetch(&cross_[entries_[own_entries[n + kAhead]].at]);
+    if (n + 2 * kAhead < own_entries.size()) {
+      hwy::Prefetch(&entries_[own_entries[n + 2 * kAhead]]);
+      const Entry& ahead = entries_[own_entries[n + kAhead]];
+      hwy::Prefetch(&cross_[ahead.at]);
+      hwy::Prefetch(&inverse_[ahead.point]);
+      hwy::Prefetch(&point_gradient_[ahead.point]);
     }
-    // As far from an aligned address as the entry: sums are then rounded alike for all parts.
-    double* scaled = room.data() + entry.at % 2;
-    Eigen::Map<MatrixX3>(scaled, size, 3).noalias() =
-        Eigen::Map<const MatrixX3>(&cross_[entry.at], size, 3) * inverse_[entry.point];
-    const Eigen::Vector3d& gradient = point_gradient_[entry.point];
-    for (int k = 0; k < size && has_diagonal; ++k) {
-      (*side)[k] += scaled[k] * gradient[0] + scaled[size + k] * gradient[1] +
-                    scaled[2 * size + k] * gradient[2];
-    }
+    const Eigen::Vector3d opposite = -point_gradient_[entry.point];
+    terms.clear();
+    if (side != nullptr) terms.push_back({side, opposite.data(), 1});
     for (std::size_t e = first_entry_[entry.point]; e < first_entry_[entry.point + 1]; ++e) {
-      const int other = entries_[e].block;
-      if (!Covers(fill, other)) continue;
-      SubtractProduct(TileOf(block, other), stride, scaled, size, &cross_[entries_[e].at],
-                      sizes_[other], size, sizes_[other], 3);
+      const Entry& other = entries_[e];
+      double* tile = tiles[other.block];
+      if (tile != nullptr) terms.push_back({tile, &cross_[other.at], sizes_[other.block]});
     }
+    SubtractProducts(terms, Stride(block), &cross_[entry.at], inverse_[entry.point].data(),
+                     sizes_[block], 3);
   }
 }
 

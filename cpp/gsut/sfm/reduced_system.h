@@ -73,7 +73,7 @@ class ReducedSystem {
   void EliminatePoint(int point, double radius);
   void ListFills();
   void FillRow(const Fill& fill, double radius);
-  void SubtractPoints(const Fill& fill, Eigen::VectorXd* side);
+  void SubtractPoints(int block, std::span<double* const> tiles, double* side);
   // Whether the part of a row holds the columns of a block.
   bool Covers(const Fill& fill, int block) const {
     return rank_[block] >= fill.first && rank_[block] < fill.last;

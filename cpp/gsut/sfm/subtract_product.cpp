@@ -5,6 +5,8 @@
 #include <hwy/foreach_target.h>
 #include <hwy/highway.h>
 
+#include <vector>
+
 #include "gsut/sfm/subtract_product.h"
 
 HWY_BEFORE_NAMESPACE();
@@ -81,12 +83,8 @@ HWY_INLINE void Columns(const Matrices& m, int rows, int column) {
   }
 }
 
-}  // namespace
-
 // Columns four at a time, then two: blocks of poses have six.
-void Subtract(double* out, std::ptrdiff_t out_stride, const double* a, std::ptrdiff_t a_stride,
-              const double* b, std::ptrdiff_t b_stride, int rows, int columns, int inner) {
-  const Matrices m = {out, a, b, out_stride, a_stride, b_stride, inner};
+HWY_INLINE void AllColumns(const Matrices& m, int rows, int columns) {
   int column = 0;
   for (; column + kColumns <= columns; column += kColumns) Columns<kColumns>(m, rows, column);
   if (column + 2 <= columns) {
@@ -94,6 +92,90 @@ void Subtract(double* out, std::ptrdiff_t out_stride, const double* a, std::ptrd
     column += 2;
   }
   if (column < columns) Columns<1>(m, rows, column);
+}
+
+// The same rows of a m, in a vector for each column.
+template <int kRows, int kInner, class D>
+HWY_INLINE void Scale(D d, const double* a, const double* m, hn::Vec<D>* scaled) {
+  for (int k = 0; k < kInner; ++k, m += kInner) {
+    scaled[k] = hn::Mul(hn::LoadU(d, a), hn::Set(d, m[0]));
+    for (int j = 1; j < kInner; ++j) {
+      scaled[k] = hn::MulAdd(hn::LoadU(d, a + j * kRows), hn::Set(d, m[j]), scaled[k]);
+    }
+  }
+}
+
+// The same rows of a column of out, from those of a m and a row of b.
+template <int kInner, class D>
+HWY_INLINE void SubtractColumn(D d, const hn::Vec<D>* scaled, const hn::Vec<D>* right,
+                               double* out) {
+  auto sum = hn::LoadU(d, out);
+  for (int k = 0; k < kInner; ++k) sum = hn::NegMulAdd(scaled[k], right[k], sum);
+  hn::StoreU(sum, d, out);
+}
+
+// Terms of a fixed number of rows, for which a m stays in registers. Six rows are vectors of four
+// and of two: a load of what was just stored through a mask would wait.
+template <int kRows, int kInner>
+HWY_INLINE void FixedTerms(std::span<const ProductTerm> terms, std::ptrdiff_t out_stride,
+                           const double* a, const double* m) {
+  const hn::CappedTag<double, 4> wide;
+  const hn::CappedTag<double, 2> narrow;
+  constexpr int kLanes = static_cast<int>(hn::MaxLanes(wide));
+  constexpr int kWide = kRows / kLanes;
+  constexpr bool kHasRest = kRows % kLanes != 0;
+  hn::Vec<decltype(wide)> scaled[kWide][kInner];
+  hn::Vec<decltype(narrow)> rest[kInner];
+  for (int v = 0; v < kWide; ++v) Scale<kRows, kInner>(wide, a + v * kLanes, m, scaled[v]);
+  if (kHasRest) Scale<kRows, kInner>(narrow, a + kWide * kLanes, m, rest);
+  for (const ProductTerm& term : terms) {
+    double* out = term.out;
+    for (int c = 0; c < term.columns; ++c, out += out_stride) {
+      hn::Vec<decltype(wide)> right[kInner];
+      for (int k = 0; k < kInner; ++k) right[k] = hn::Set(wide, term.b[k * term.columns + c]);
+      for (int v = 0; v < kWide; ++v) {
+        SubtractColumn<kInner>(wide, scaled[v], right, out + v * kLanes);
+      }
+      if constexpr (kHasRest) {
+        hn::Vec<decltype(narrow)> half[kInner];
+        for (int k = 0; k < kInner; ++k) half[k] = hn::LowerHalf(narrow, right[k]);
+        SubtractColumn<kInner>(narrow, rest, half, out + kWide * kLanes);
+      }
+    }
+  }
+}
+
+// Any number of rows.
+void AnyTerms(std::span<const ProductTerm> terms, std::ptrdiff_t out_stride, const double* a,
+              const double* m, int rows, int inner) {
+  std::vector<double> scaled(static_cast<std::size_t>(rows) * inner, 0.0);
+  for (int k = 0; k < inner; ++k) {
+    for (int j = 0; j < inner; ++j) {
+      for (int row = 0; row < rows; ++row) {
+        scaled[k * rows + row] += a[j * rows + row] * m[k * inner + j];
+      }
+    }
+  }
+  for (const ProductTerm& term : terms) {
+    const Matrices all = {term.out, scaled.data(), term.b, out_stride, rows, term.columns, inner};
+    AllColumns(all, rows, term.columns);
+  }
+}
+
+}  // namespace
+
+void Subtract(double* out, std::ptrdiff_t out_stride, const double* a, std::ptrdiff_t a_stride,
+              const double* b, std::ptrdiff_t b_stride, int rows, int columns, int inner) {
+  AllColumns({out, a, b, out_stride, a_stride, b_stride, inner}, rows, columns);
+}
+
+void SubtractTerms(std::span<const ProductTerm> terms, std::ptrdiff_t out_stride, const double* a,
+                   const double* m, int rows, int inner) {
+  if (rows == 6 && inner == 3) return FixedTerms<6, 3>(terms, out_stride, a, m);
+  if (rows == 6 && inner == 2) return FixedTerms<6, 2>(terms, out_stride, a, m);
+  if (rows == 12 && inner == 3) return FixedTerms<12, 3>(terms, out_stride, a, m);
+  if (rows == 12 && inner == 2) return FixedTerms<12, 2>(terms, out_stride, a, m);
+  AnyTerms(terms, out_stride, a, m, rows, inner);
 }
 
 }  // namespace HWY_NAMESPACE
@@ -104,12 +186,18 @@ HWY_AFTER_NAMESPACE();
 namespace gsut {
 
 HWY_EXPORT(Subtract);
+HWY_EXPORT(SubtractTerms);
 
 void SubtractProduct(double* out, std::ptrdiff_t out_stride, const double* a,
                      std::ptrdiff_t a_stride, const double* b, std::ptrdiff_t b_stride, int rows,
                      int columns, int inner) {
   HWY_DYNAMIC_DISPATCH(Subtract)
   (out, out_stride, a, a_stride, b, b_stride, rows, columns, inner);
+}
+
+void SubtractProducts(std::span<const ProductTerm> terms, std::ptrdiff_t out_stride,
+                      const double* a, const double* m, int rows, int inner) {
+  HWY_DYNAMIC_DISPATCH(SubtractTerms)(terms, out_stride, a, m, rows, inner);
 }
 
 }  // namespace gsut
