@@ -20,17 +20,16 @@ constexpr int kFinalRounds = 4;
 constexpr int kIterations = 30;
 // Relative decrease of the cost at which a round stops: the next one changes the observations
 // anyway.
-constexpr double kTolerance = 1e-5;
+constexpr double kTolerance = 1e-4;
 // Iterations of the last adjustment, whose minimum is the result.
 constexpr int kLastIterations = 50;
 // Its tolerance: covariances are those of a minimum.
-constexpr double kLastTolerance = 1e-9;
-// Of rolling shutters, whose motion and velocity hardly differ in what they do to a picture: steps
-// along that valley cost much and change nothing that is seen. The last tolerance is that of trials
-// too, which are compared by held-out observations.
-constexpr int kRollingRounds = 2;
-constexpr double kRollingTolerance = 1e-4;
+constexpr double kLastTolerance = 1e-8;
+// The same of trials, which are compared by held-out observations, and of rolling shutters, whose
+// motion and velocity hardly differ in what they do to a picture: steps along that valley cost much
+// and change nothing that is seen.
 constexpr double kRoughLastTolerance = 1e-6;
+constexpr int kRollingRounds = 2;
 // Below this share of new and dropped observations the rounds end.
 constexpr double kSettled = 5e-4;
 // Points below which the given poses do not fit their photographs.
@@ -135,7 +134,6 @@ Structure RefineStructure(const std::vector<Camera>& cameras,
   };
   const bool rolling = map.rolling();
   const int rounds = rolling ? kRollingRounds : kFinalRounds;
-  const double tolerance = rolling ? kRollingTolerance : kTolerance;
   // With velocities as many unknowns again: they wait for the end, where observations are settled.
   map.HoldVelocities(true);
   double changed = 0.0;
@@ -144,13 +142,13 @@ Structure RefineStructure(const std::vector<Camera>& cameras,
   for (const double looser : kLooser) {
     if (options.lens_settled) break;
     current.max_error = looser * options.max_error;
-    if (changed >= 0.0) changed = round(kIterations, tolerance);
+    if (changed >= 0.0) changed = round(kIterations, kTolerance);
   }
   current.max_error = options.max_error;
   const auto settle = [&] {
     for (int i = 0; i < rounds && changed >= 0.0; ++i) {
       map.Filter(current.max_error);
-      changed = round(kIterations, tolerance);
+      changed = round(kIterations, kTolerance);
       if (changed >= 0.0 && changed < kSettled) break;
     }
   };

@@ -130,7 +130,7 @@ std::vector<int> SceneMap::AdjustLocally(int image) {
     if (shared[order[i]] > 0) free[order[i]] = 1;
   }
   BundleOptions options;
-  constexpr int kLocalIterations = 12;      // a few images converge in fewer
+  constexpr int kLocalIterations = 8;
   constexpr double kLocalTolerance = 1e-4;  // relative; the next image moves them again
   options.max_iterations = kLocalIterations;
   options.function_tolerance = kLocalTolerance;

@@ -35,10 +35,8 @@ constexpr double kPointGrowth = 1.5;
 constexpr double kRetryGrowth = 1.25;
 // Iterations of an adjustment of the complete structure, which rarely needs them all.
 constexpr int kFinalIterations = 30;
-// Relative decrease of the last cost: covariances are those of a minimum.
-constexpr double kFinalTolerance = 1e-7;
-// The same without covariances: poses no longer change by anything that matters.
-constexpr double kTrialTolerance = 1e-6;
+// Relative decrease of the last cost: poses no longer change by anything that matters.
+constexpr double kFinalTolerance = 1e-6;
 // Rounds of adjusting, dropping outliers and completing tracks; most scenes settle in two.
 constexpr int kFinalRounds = 3;
 // Relative decrease of the cost between rounds that change the observations anyway.
@@ -320,10 +318,9 @@ class Mapper {
     }
     SetErrorFactor(1.0);
     const bool extends = wanted_.extend_rounds > 0 && HasDescriptors(images_);
-    const double last = wanted_.covariances ? kFinalTolerance : kTrialTolerance;
     for (int round = 0; round < kFinalRounds; ++round) {
-      map_->AdjustGlobally(kFinalIterations, extends ? kExtendTolerance : last, lens_free,
-                           lens_free, true);
+      map_->AdjustGlobally(kFinalIterations, extends ? kExtendTolerance : kFinalTolerance,
+                           lens_free, lens_free, true);
       const int dropped = map_->Filter(options_.max_error);
       const int added = map_->Complete(-1);
       map_->DropWeakImages();
@@ -339,7 +336,7 @@ class Mapper {
       map_->Complete(-1);
       map_->DropWeakImages();
     }
-    map_->AdjustFinally(kFinalIterations, last, lens_free);
+    map_->AdjustFinally(kFinalIterations, kFinalTolerance, lens_free);
     map_->Filter(options_.max_error);
     map_->DropWeakImages();
     ReportProgress("final adjustment");
