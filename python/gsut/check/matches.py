@@ -13,7 +13,7 @@ from gsut.data import Scene
 from gsut.data.images import decode_mask
 from gsut.data.scene import order_frames, split_last_number
 from gsut.sfm import PosesOptions
-from gsut.sfm.matches import ENOUGH_MATCHES, FEWEST_MATCHES, MAX_DISTANCE, PREVIEW_FEATURES
+from gsut.sfm.matches import ENOUGH_MATCHES, MAX_DISTANCE, PREVIEW_FEATURES
 from gsut.sfm.photographs import Features, detect_features
 
 _ANCHORS = 9  # places along the dataset at which neighbours are compared
@@ -21,6 +21,7 @@ _STEPS = ((0, 1), (0, 2), (1, 2))  # of a pair: how many places after an anchor 
 _OPTIONS = PosesOptions(max_features=PREVIEW_FEATURES, max_megapixels=0.14, threads=0)
 _MAX_RATIO = 0.75  # of descriptors' distances: few wrong matches rather than many right ones
 _JUMPS = 6  # places of a path that are examined where its steps change most: three a far pose
+_FEWEST = 16  # matches of a pair: fewer may be chance; small pictures give few more
 _STILL = 0.004  # of the image's diagonal: what moves less, in a pair that moves, is on the lens
 
 
@@ -67,9 +68,9 @@ def match_neighbours(scene: Scene) -> list[ImagePair]:
         camera = scene.cameras[scene.views[a].camera_index]
         moved = np.linalg.norm(pixels[1] - pixels[0], axis=1)
         still = moved < _STILL * np.hypot(camera.width, camera.height)
-        if np.count_nonzero(~still) >= FEWEST_MATCHES:
+        if np.count_nonzero(~still) >= _FEWEST:
             pixels = pixels[:, ~still]
-        if pixels.shape[1] >= FEWEST_MATCHES:
+        if pixels.shape[1] >= _FEWEST:
             pairs.append(ImagePair(a, b, pixels[:, :ENOUGH_MATCHES]))
     return pairs
 
