@@ -6,12 +6,29 @@ import numpy as np
 import pytest
 
 import tolerances
+from gsut import _core
+from gsut.sfm.matches.matching import PairMatches
+from gsut.sfm.matches.verification import drop_contradicted
 from gsut.sfm.photographs.options import PosesOptions
 from gsut.sfm.solution import measure_agreement, measure_contradiction
 from gsut.sfm.solution.solver import solve_poses
 from gsut.sfm.world.comparison import compare_poses
 from made_flight import fly_again
 from synthetic_walk import Synthetic
+
+IMAGES = 24
+
+
+def turned(rng, degrees):
+    axis = rng.standard_normal(3)
+    axis *= np.radians(degrees) / np.linalg.norm(axis)
+    return _core.exp_pose([0, 0, 0, *axis])[:3, :3]
+
+
+def pair_of(rng, rotations, first, second, matches, off_degrees):
+    pose = np.eye(4)
+    pose[:3, :3] = turned(rng, off_degrees) @ rotations[second] @ rotations[first].T
+    return PairMatches(first, second, np.zeros((matches, 2), np.int32), pose, 0, 0.1)
 
 
 @pytest.mark.parametrize(("aside", "share"), [(0.0, 0.0), (20.0, 1.0)])
@@ -40,6 +57,37 @@ def test_pair_contradicts_poses_where_rays_miss_each_other_not_where_they_meet_e
     expected = share * len(matches) / (len(matches) + np.array(others))
     np.testing.assert_allclose(found[:2], expected, rtol=1e-12)
     assert not found[2:].any()
+
+
+@pytest.fixture
+def round_walk(rng):
+    """Rotations of a walk around, and the pairs of neighbours, each off by some degrees."""
+    rotations = [turned(rng, 180 * rng.random()) for _ in range(IMAGES)]
+    steps = [(i, (i + step) % IMAGES) for i in range(IMAGES) for step in (1, 2)]
+    pairs = [pair_of(rng, rotations, min(s), max(s), 100, 5) for s in steps]
+    return rotations, pairs
+
+
+def test_pairs_of_places_that_look_alike_are_dropped(rng, round_walk):
+    rotations, pairs = round_walk
+    false = [pair_of(rng, rotations, i, i + 12, 40, 170) for i in range(6)]
+    kept = drop_contradicted([*false, *pairs], IMAGES)
+    assert kept == pairs
+
+
+def test_pairs_that_are_off_as_flat_scenes_make_them_are_kept(rng, round_walk):
+    rotations, pairs = round_walk
+    flat = [pair_of(rng, rotations, i, i + 3, 200, 20) for i in range(6)]
+    assert drop_contradicted([*pairs, *flat], IMAGES) == [*pairs, *flat]
+
+
+def test_few_pairs_and_parts_that_do_not_connect_are_kept(round_walk):
+    _, pairs = round_walk
+    assert drop_contradicted([], IMAGES) == []
+    assert drop_contradicted(pairs[:1], IMAGES) == pairs[:1]
+    apart = [p for p in pairs if (p.first < 12) == (p.second < 12)]
+    assert 30 < len(apart) < len(pairs)
+    assert drop_contradicted(apart, IMAGES) == apart
 
 
 @pytest.mark.parametrize(("few", "all_placed"), [(5, True), (2, False)])

@@ -9,8 +9,10 @@ import numpy as np
 from gsut import _core
 from gsut._core import SolveError
 from gsut.data import list_some
+from gsut.gaussians import find_rotation_vectors
 from gsut.judge import SURE
 from gsut.judge.checks import PICTURE_CHECKS, PictureQuality, find_faults
+from gsut.least_squares import ROUNDS
 from gsut.run import Verdict
 from gsut.sfm.matches.matching import (
     BATCH,
@@ -19,9 +21,14 @@ from gsut.sfm.matches.matching import (
     PairMatches,
     RawMatches,
 )
-from gsut.sfm.matches.selection import FEW_IMAGES
+from gsut.sfm.matches.selection import ENOUGH_MATCHES, FEW_IMAGES
 from gsut.sfm.photographs import Features, Images, PosesOptions
 
+# Largest angle in radians between a pair's rotation and that of all images. Rotations of pairs are
+# often off by 20 degrees where both see a plane; a pair of places that look alike is off by any
+# angle.
+_LARGEST_OFFSET = np.radians(45.0)
+_SCALE = np.radians(8.0)  # of the robust weights: the offset of an ordinary pair
 MIN_ANGLE_DEGREES = 1.5  # smallest triangulation angle of a point
 _DARK = 25  # mean grey value of the features of an underexposed picture, of 255
 _BRIGHT = 235  # mean grey value of the features of an overexposed picture, of 255
@@ -39,14 +46,14 @@ def verify_matches(
     options: PosesOptions,
     on_pairs: OnPairs = lambda done, total: None,
 ) -> list[PairMatches]:
-    """Keeps matches that agree with one relative pose a pair.
+    """Keeps matches that agree with one relative pose a pair, and with the other pairs' rotations.
 
     Matches of a rolling shutter may be ROLLING_ERROR times farther off. Each other's nearest among
     learned features, which no ratio of distances sorts out, agree with some pose by chance: as many
     of the others then agree with another one. Such pairs are left out.
 
     Returns:
-        The pairs with at least FEWEST_MATCHES matches.
+        The pairs with at least FEWEST_MATCHES matches that the others do not contradict.
     """
     bearings = [
         _core.ImageBearings(c, f.pixels)
@@ -80,7 +87,74 @@ def verify_matches(
                     PairMatches(int(a), int(b), matches[inliers], pose, rotation, parallax)
                 )
         on_pairs(begin + len(batch), len(raw.pairs))
-    return result
+    return drop_contradicted(result, len(images))
+
+
+def drop_contradicted(pairs: Sequence[PairMatches], count: int) -> list[PairMatches]:
+    """Drops the pairs whose rotation disagrees with the rotations of all images.
+
+    Images get rotations from the pairs with most matches first (a spanning tree), then from all
+    pairs with robust weights (Chatterjee and Govindu, "Efficient and robust large-scale rotation
+    averaging", ICCV 2013).
+
+    Args:
+        pairs: verified, of `count` images.
+    """
+    if len(pairs) < 3:
+        return list(pairs)
+    first = np.array([pair.first for pair in pairs])
+    second = np.array([pair.second for pair in pairs])
+    relative = np.array([pair.second_from_first[:3, :3] for pair in pairs])
+    weights = np.array([float(min(len(pair.matches), ENOUGH_MATCHES)) for pair in pairs])
+    rotations = _chain_rotations((first, second), relative, weights, count)
+    for _ in range(ROUNDS):
+        off = _measure_offsets(rotations, (first, second), relative)
+        robust = weights / (1 + (np.linalg.norm(off, axis=1) / _SCALE) ** 2) ** 2
+        laplacian = np.zeros((count, count))
+        pull = np.zeros((count, 3))
+        np.add.at(laplacian, (first, first), robust)
+        np.add.at(laplacian, (second, second), robust)
+        np.add.at(laplacian, (first, second), -robust)
+        np.add.at(laplacian, (second, first), -robust)
+        np.add.at(pull, second, robust[:, None] * off)
+        np.add.at(pull, first, -robust[:, None] * off)
+        laplacian[np.diag_indices(count)] += 1e-6 * weights.mean()  # the world's own rotation
+        turns = np.linalg.solve(laplacian, pull)
+        rotations = np.array(
+            [
+                r @ _core.exp_pose(np.concatenate([np.zeros(3), turn]))[:3, :3]
+                for r, turn in zip(rotations, turns, strict=True)
+            ]
+        )
+    off = np.linalg.norm(_measure_offsets(rotations, (first, second), relative), axis=1)
+    return [pair for pair, angle in zip(pairs, off, strict=True) if angle < _LARGEST_OFFSET]
+
+
+def _chain_rotations(
+    ends: tuple[np.ndarray, np.ndarray], relative: np.ndarray, weights: np.ndarray, count: int
+) -> np.ndarray:
+    """Chains (N, 3, 3) camera_from_world along the pairs with most matches."""
+    first, second = ends
+    group = np.arange(count)
+    rotations = np.tile(np.eye(3), (count, 1, 1))
+    for index in np.argsort(-weights, kind="stable"):
+        a, b = first[index], second[index]
+        if group[a] == group[b]:
+            continue
+        # The group of b turns as a whole: R_b turn = relative R_a.
+        members = group == group[b]
+        rotations[members] = rotations[members] @ (rotations[b].T @ relative[index] @ rotations[a])
+        group[members] = group[a]
+    return rotations
+
+
+def _measure_offsets(
+    rotations: np.ndarray, ends: tuple[np.ndarray, np.ndarray], relative: np.ndarray
+) -> np.ndarray:
+    """Returns (P, 3) radians, the turn in the world that each pair's second image lacks."""
+    first, second = ends
+    wanted = relative @ rotations[first]
+    return find_rotation_vectors(np.swapaxes(rotations[second], 1, 2) @ wanted)
 
 
 def require_overlap(images: Images, pairs: Sequence[PairMatches], *, is_lens_known: bool) -> None:
