@@ -35,9 +35,14 @@ HWY_INLINE void Block(const Matrices& m, int row, int column, int rest) {
   using V = hn::Vec<decltype(d)>;
   const int lanes = static_cast<int>(hn::Lanes(d));
   const auto some = hn::FirstN(d, rest > 0 ? rest : lanes);
+  // Vectors of two have no masked load that takes any address, nor a masked store that leaves the
+  // other row alone: one row is a scalar there.
+  const bool is_scalar = hn::MaxLanes(d) == 2 && rest == 1;
   const auto load = [&](const double* from, int v) HWY_ATTR {
-    return v + 1 < kOwnVectors ? hn::LoadU(d, from + v * lanes)
-                               : hn::MaskedLoad(some, d, from + v * lanes);
+    if (v + 1 < kOwnVectors) return hn::LoadU(d, from + v * lanes);
+    if (is_scalar) return hn::Set(d, from[v * lanes]);
+    return hn::MaxLanes(d) == 2 ? hn::LoadU(d, from + v * lanes)
+                                : hn::MaskedLoad(some, d, from + v * lanes);
   };
   V sums[kOwnVectors][kOwnColumns];
   double* out = m.out + row + column * m.out_stride;
@@ -59,8 +64,12 @@ HWY_INLINE void Block(const Matrices& m, int row, int column, int rest) {
     for (int v = 0; v + 1 < kOwnVectors; ++v) {
       hn::StoreU(sums[v][c], d, out + c * m.out_stride + v * lanes);
     }
-    hn::BlendedStore(sums[kOwnVectors - 1][c], some, d,
-                     out + c * m.out_stride + (kOwnVectors - 1) * lanes);
+    double* last = out + c * m.out_stride + (kOwnVectors - 1) * lanes;
+    if (is_scalar) {
+      *last = hn::GetLane(sums[kOwnVectors - 1][c]);
+    } else {
+      hn::BlendedStore(sums[kOwnVectors - 1][c], some, d, last);
+    }
   }
 }
 
