@@ -17,11 +17,8 @@ from gsut.sfm.gyroscope.evidence import (
     list_times,
 )
 from gsut.sfm.mapping import Mapping
+from gsut.sfm.matches import LARGEST_OFFSET
 from gsut.sfm.solution import Adjustment, Solution, compare_solutions, solve_poses
-
-# Rotations of pairs are often off by 20 degrees where both see a plane; a pair of places that look
-# alike is off by any angle.
-_LARGEST_OFFSET = np.radians(45.0)
 
 
 def correct_by_turns(mapping: Mapping) -> Mapping:
@@ -54,7 +51,7 @@ def _leave_out_contradicted(mapping: Mapping, turns: TurnCalibration) -> Mapping
     apart = times[[(pair.first, pair.second) for pair in before]]
     rotations = np.array([pair.second_from_first[:3, :3] for pair in before])
     off = measure_rotation_angles(rotations @ turns.find_turns(apart).transpose(0, 2, 1))
-    wrong = off > np.maximum(WRONG * turns.estimate_sigmas(apart), _LARGEST_OFFSET)
+    wrong = off > np.maximum(WRONG * turns.estimate_sigmas(apart), LARGEST_OFFSET)
     if not wrong.any():
         return mapping
     kept = [pair for pair, is_wrong in zip(before, wrong, strict=True) if not is_wrong]

@@ -24,6 +24,7 @@ from gsut.sfm.matches.selection import (
 from gsut.sfm.matches.verification import (
     ALL_SAME,
     FEWEST_MATCHES,
+    LARGEST_OFFSET,
     MIN_ANGLE_DEGREES,
     ROLLING_ERROR,
     explain_failure,

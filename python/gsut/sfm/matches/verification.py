@@ -27,7 +27,7 @@ from gsut.sfm.photographs import Features, Images, PosesOptions
 # Largest angle in radians between a pair's rotation and that of all images. Rotations of pairs are
 # often off by 20 degrees where both see a plane; a pair of places that look alike is off by any
 # angle.
-_LARGEST_OFFSET = np.radians(45.0)
+LARGEST_OFFSET = np.radians(45.0)
 _SCALE = np.radians(8.0)  # of the robust weights: the offset of an ordinary pair
 MIN_ANGLE_DEGREES = 1.5  # smallest triangulation angle of a point
 _DARK = 25  # mean grey value of the features of an underexposed picture, of 255
@@ -127,7 +127,7 @@ def drop_contradicted(pairs: Sequence[PairMatches], count: int) -> list[PairMatc
             ]
         )
     off = np.linalg.norm(_measure_offsets(rotations, (first, second), relative), axis=1)
-    return [pair for pair, angle in zip(pairs, off, strict=True) if angle < _LARGEST_OFFSET]
+    return [pair for pair, angle in zip(pairs, off, strict=True) if angle < LARGEST_OFFSET]
 
 
 def _chain_rotations(
