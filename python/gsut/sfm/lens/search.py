@@ -110,7 +110,7 @@ def _solve_first_images(
     tried: list[float] = []
     for number, lens in enumerate(ranked):
         focal = float(lens.camera.params[0])
-        known = any(_is_near(focal, other) for other in tried)
+        known = any(abs(math.log(focal / other)) < SAME_FOCAL for other in tried)
         if known or (found and lens.share < KEPT * ranked[0].share):
             continue
         if len(tried) == MOST_TRIED:
@@ -129,11 +129,6 @@ def _solve_first_images(
     if not found:
         raise SolveError("no lens tried gives a reconstruction")
     return max(found, key=lambda each: (each.num_registered, len(each.observations)))
-
-
-def _is_near(focal: float, other: float) -> bool:
-    """Returns whether two focal lengths are so near that one of them is tried."""
-    return abs(math.log(focal / other)) < SAME_FOCAL
 
 
 def _choose_model(best: Solution) -> tuple[Camera, np.ndarray]:

@@ -26,7 +26,7 @@ TANGENT = (1 / 3, 2 / 15, 17 / 315, 62 / 2835)
 FEWEST_OF_MODEL = 4  # that are worth a model of their own: fewer leave their lens open
 HELD_BY = 3  # of which any may be wrong or left out, and the others still hold a point, or a doubt
 MOST_TRIED = 3  # lenses: each costs a trial reconstruction
-SAME_FOCAL = 0.1  # difference of the logarithms of focal lengths of which one is tried or verified
+SAME_FOCAL = 0.1  # difference of the logarithms of focal lengths of which one is tried
 
 
 @dataclasses.dataclass(frozen=True)
