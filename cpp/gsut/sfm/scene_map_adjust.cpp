@@ -265,10 +265,19 @@ void SceneMap::SetTurnPriors(const std::vector<int>& place, BundleOptions* optio
   }
 }
 
+// The logarithm of a focal length is known, which is as good as linear near where it is.
 void SceneMap::SetLensPriors(BundleOptions* options) const {
   const double scale = ScaleOfSigmas(options);
   options->lens_priors = options_.lens_priors;
-  for (LensPrior& prior : options->lens_priors) {
+  for (std::size_t c = 0; c < options->lens_priors.size(); ++c) {
+    LensPrior& prior = options->lens_priors[c];
+    if (prior.sigma.empty()) continue;
+    if (std::isfinite(prior.sigma[0])) {
+      const double focal = cameras_[c].params()[0];
+      prior.mean[0] = focal * (1.0 - std::log(focal / prior.mean[0]));
+      prior.sigma[0] *= focal;
+      if (std::isfinite(prior.sigma[1])) prior.mean[1] = prior.mean[0];  // a difference
+    }
     for (double& sigma : prior.sigma) sigma *= scale;
   }
 }

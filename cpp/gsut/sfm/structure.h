@@ -61,7 +61,8 @@ struct StructureOptions {
   // Parameters of each camera that are estimated too, one flag each (empty: none), see
   // lens_parameters.h.
   std::vector<std::vector<std::uint8_t>> lens_free;
-  // What is known of them beforehand, one prior a camera; empty: nothing.
+  // What is known of them beforehand, one prior a camera; empty: nothing. Of the first parameter,
+  // a focal length, the median and the standard deviation of the logarithm.
   std::vector<LensPrior> lens_priors;
   // They are nearly right: it is enough to estimate them at the end. So are the poses given to
   // RefineStructure, which then needs no looser rounds.

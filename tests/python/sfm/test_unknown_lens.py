@@ -9,6 +9,7 @@ import pytest
 import gsut
 import tolerances
 from gsut.lens import with_scaled_focal
+from gsut.lens.database import load_profiles
 from gsut.run import Verdict
 from gsut.sfm.lens.candidates import list_lens_ladder, make_lens
 from gsut.sfm.lens.information import spread_free_parameters
@@ -208,11 +209,35 @@ def test_prior_of_coefficients_is_a_lens_that_bends_as_the_first_one_says():
     lens = make_lens(640, 480, 60.0, bend)
     free = np.ones(8, np.uint8)
     mean, sigma = find_lens_prior(lens, free)
-    assert mean == pytest.approx(lens.params)  # the coefficients of such a lens, and the middle
-    assert np.isinf(sigma[[0, 1, 4]]).all() and np.isfinite(sigma[[2, 3, 5, 6, 7]]).all()
+    # The coefficients of such a lens, and the middle.
+    assert mean[1:] == pytest.approx(lens.params[1:])
+    assert np.isinf(sigma[[1, 4]]).all() and np.isfinite(sigma[[2, 3, 5, 6, 7]]).all()
     assert (np.diff(sigma[5:]) > 0).all()  # inside one radian the higher ones shift the edge less
     held = find_lens_prior(lens, np.where(np.arange(8) < 5, free, 0))[1]
     assert np.isinf(held[5:]).all() and np.isinf(find_lens_prior(lens, free, math.inf)[1]).all()
+
+
+def test_focal_length_is_known_beforehand_as_of_all_lenses():
+    lens, free = make_lens(640, 480, 60.0, 1.0), np.ones(8, np.uint8)
+    mean, sigma = find_lens_prior(lens, free)
+    some = [profile.make_camera(640, 480) for profile in load_profiles()[::20]]
+    logs = [math.log(float(camera.params[0])) for camera in some]
+    assert math.log(mean[0]) == pytest.approx(np.mean(logs), abs=0.05)
+    assert sigma[0] == pytest.approx(np.std(logs), abs=0.05)
+    free[0] = 0
+    assert np.isinf(find_lens_prior(lens, free)[1][0])
+
+
+@pytest.mark.parametrize("factor", [0.5, 2.0])
+def test_focal_length_goes_where_it_is_known_beforehand(monkeypatch, factor):
+    lens = gsut.Camera("opencv4", [800, 800, 500, 505, 0, 0, 0, 0], 1000, 1010)
+    walk = Synthetic(np.random.default_rng(5), images=6, points=400, camera=lens)
+    known = math.log(factor * 800 / 1010), 1e-5  # as if sure, and wrong
+    monkeypatch.setattr("gsut.sfm.solution.adjustment._FOCAL", known)
+    mapping = walk.mapping(PosesOptions())
+    free = Adjustment(np.array([2, 2, 0, 0, 0, 0, 0, 0], np.uint8))
+    found = solve_poses(walk.images(), walk.verified(), mapping.options, adjustment=free)
+    assert found.cameras[0].params[0] == pytest.approx(factor * 800, rel=0.01)
 
 
 def test_nothing_found_names_causes_and_what_to_do():

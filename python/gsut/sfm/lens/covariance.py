@@ -113,7 +113,7 @@ class _Equations:
         noise = math.sqrt(shared * seen.median / MEDIAN_SQUARE)
         lenses = zip(seen.lenses.cameras, seen.lenses.free, seen.bases, strict=True)
         sigmas = [
-            find_lens_prior(camera, flags)[1][basis.argmax(axis=0)]
+            _find_lens_sigmas(camera, flags)[basis.argmax(axis=0)]
             for camera, flags, basis in lenses
             if basis is not None
         ]
@@ -148,6 +148,13 @@ class _Equations:
         normal = table[np.ix_(kept, kept)]
         normal[np.diag_indices(len(normal))] += self._priors
         return normal, table[kept, residual], freedom
+
+
+def _find_lens_sigmas(camera: Camera, flags: np.ndarray | None) -> np.ndarray:
+    """Finds standard deviations (K,) of a lens's parameters beforehand, in their own units."""
+    sigma = find_lens_prior(camera, flags)[1]
+    sigma[0] *= camera.params[0]
+    return sigma
 
 
 def _weigh_velocities(solution: Solution, median: float) -> np.ndarray:

@@ -14,6 +14,7 @@ from gsut.sfm.lens.given import check_given_lens
 from gsut.sfm.lens.jackknife import (
     adjust_without_groups,
     estimate_focal_sigma,
+    measure_focal_spread,
     measure_lens_sigma,
     measure_pose_errors,
 )
@@ -42,9 +43,11 @@ def judge_lens(mapping: Mapping) -> Mapping:
         if mapping.one_lens_free is not None:
             mapping, sigma = weigh_focal_prior(mapping, mapping.one_lens_free, alone)
         if without is not None and len(without) > 1 and math.isfinite(alone):
+            # What one focal length has in all groups, as of a prior, is in its sigma alone.
+            lens_sigma = measure_lens_sigma(without) * sigma / measure_focal_spread(without)
             mapping = mapping.add_findings(
                 pose_errors_px=measure_pose_errors(mapping.solved, without),
-                lens_sigma_px=measure_lens_sigma(without) * sigma / alone,  # what a prior adds
+                lens_sigma_px=lens_sigma,
             )
     percent = 100 * sigma if math.isfinite(sigma) else None
     return mapping.add_findings({"focal_sigma_percent": percent}, focal_sigma=sigma)

@@ -29,6 +29,9 @@ CENTER = (2, 3)
 # Standard deviation of a coordinate of a principal point from the middle of its picture, over the
 # diagonal: of the lens database's cameras.
 CENTER_SIGMA = 0.012
+# Focal length over the longer side of a picture: mean and standard deviation of the logarithm, of
+# the lens database's lenses.
+_FOCAL = (math.log(0.84), 0.68)
 # Standard deviation of fy over fx: of the lens database's cameras, by their median.
 _ASPECT_SIGMA = 0.0012
 # Standard deviation of what a higher coefficient of the distortion shifts the edge of a picture by,
@@ -311,6 +314,7 @@ def find_lens_prior(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Finds what is known of a lens's free parameters beforehand: means and sigmas (K,).
 
+    Focal lengths are those of usual lenses: the mean is the middle one, sigma is of the logarithm.
     A principal point lies near the middle of its picture. Pixels are nearly square: of an fy that
     is near fx, the values are fx and the standard deviation of their difference. Coefficients of
     the distortion after the first are near those of a lens r = f tan(b theta) / b that bends as the
@@ -323,11 +327,13 @@ def find_lens_prior(
     mean, sigma = camera.params.copy(), np.full(len(camera.params), math.inf)
     if flags is None or not math.isfinite(center_sigma):
         return mean, sigma
+    if flags[0]:
+        mean[0], sigma[0] = max(camera.width, camera.height) * math.exp(_FOCAL[0]), _FOCAL[1]
     if np.any(flags[list(CENTER)]):
         mean[list(CENTER)] = camera.width / 2, camera.height / 2
         sigma[list(CENTER)] = center_sigma * math.hypot(camera.width, camera.height)
     if flags[1] == LensFlag.NEAR:
-        mean[1], sigma[1] = mean[0], _ASPECT_SIGMA * mean[0]
+        mean[1], sigma[1] = camera.params[0], _ASPECT_SIGMA * camera.params[0]
     edge = _find_edge(camera)
     if camera.model == "kannala_brandt":
         power = np.arange(2, 5)
