@@ -11,7 +11,7 @@ from disturbances import disturb_rig
 from gsut.data.rigs import measure_changes
 from gsut.sfm import PosesOptions, compare_poses
 from gsut.sfm.lens.cameras import search_lenses
-from gsut.sfm.lens.candidates import guess_lenses
+from gsut.sfm.lens.candidates import DEFAULT_FIELD, guess_lens, guess_lenses
 from gsut.sfm.lens.covariance import estimate_lens_sigmas
 from gsut.sfm.lens.doubt import describe_cameras, judge_lens
 from gsut.sfm.matches.matching import match_images
@@ -128,6 +128,25 @@ def test_a_camera_of_two_photographs_gets_its_lens_from_points_of_the_others(sce
     )  # fmt: skip
     mapping = run(scene_few, start(scene_few), monkeypatch)
     check(scene_few, mapping, FRAMES + 2, tolerances.SEVERAL_LENSES_FEW_FOCAL)
+
+
+def test_photographs_by_a_camera_each_are_found_through_lenses_far_from_the_guess():
+    rng = np.random.default_rng(1)
+    zooms = np.exp(rng.uniform(np.log(0.6), np.log(3.0), 8)).tolist()
+    lens = gsut.Camera("opencv4", [800, 800, 500, 505, 0, 0, 0, 0], 1000, 1010)
+    walk = Synthetic(
+        rng, images=len(zooms), points=1500, noise=0.5, turn=0.3, camera=lens, zooms=zooms
+    )
+    mapping = walk.mapping(OPTIONS)
+    photographs = dataclasses.replace(
+        mapping.photographs,
+        cameras=[guess_lens(1000, 1010, DEFAULT_FIELD)] * len(zooms),
+        groups=tuple(LensGroup(str(i), np.array([i]), (), None, None) for i in range(len(zooms))),
+    )
+    solution = search_lenses(mapping.replace(photographs=photographs, pairs=[])).solved
+    assert solution.registered.all()  # 7 of 8 by one start alone
+    found = [camera.params[0] / 800 for camera in solution.cameras]
+    assert found == pytest.approx(zooms, rel=tolerances.SEVERAL_LENSES_FEW_FOCAL)
 
 
 def test_a_camera_that_sees_nothing_of_the_others_gets_no_pose_and_a_note(scene, monkeypatch):

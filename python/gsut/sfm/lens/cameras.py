@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 
@@ -13,15 +14,15 @@ from gsut.lens import Camera
 from gsut.sampling import MAJORITY, choose_evenly
 from gsut.sfm.lens.candidates import list_lens_ladder
 from gsut.sfm.lens.ranking import ROUGH
-from gsut.sfm.lens.search import ADVICE, START, choose_lens, search_lens
+from gsut.sfm.lens.search import ADVICE, START, choose_lens, follow_trial, search_lens
 from gsut.sfm.lens.sightings import Sightings, gather_sightings
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import explain_failure, require_overlap, select_pairs, verify_matches
 from gsut.sfm.photographs import FEWEST_OF_MODEL, LensGroup
-from gsut.sfm.solution import Adjustment, index_lenses, solve_poses
+from gsut.sfm.solution import Adjustment, OnStep, index_lenses, solve_poses
 
-# Degrees across of cameras that state no focal length: short zooms, phones, wide angles.
-_GUESSED_FIELDS = (45.0, 60.0, 75.0)
+_MOST_ROUNDS = 6  # of structures from guessed lenses; most captures end before
+_SAME = 0.02  # relative difference of the observations of two structures that are the same
 
 
 def search_lenses(mapping: Mapping) -> Mapping:
@@ -32,7 +33,7 @@ def search_lenses(mapping: Mapping) -> Mapping:
     known, and poses, points and unknown lenses are estimated together. A camera with too few
     photographs, or too few matches among them, gets the lens through which its photographs fit
     points that the other cameras see, and all is estimated once more. If no camera has enough of
-    its own, all start from what they state, or from usual fields of view.
+    its own, all start from what they state, or from a usual field of view.
 
     Returns:
         The run with solution, verified pairs and `lens_free`.
@@ -58,7 +59,8 @@ def search_lenses(mapping: Mapping) -> Mapping:
     if failure is not None and not lenses.known.any():
         _start_from_guesses(lenses, groups)
         open_groups = [g for g in groups if not lenses.mapping.solved.registered[g.images].any()]
-    lenses.solve()
+    else:
+        lenses.solve()
     found = [group for group in open_groups if _fit_to_points(lenses, group)]
     if found:
         lenses.solve()
@@ -88,40 +90,70 @@ class _Lenses:
             self._cameras[image], self._free[image] = lens, own
         self.known[group.images] = True
 
-    def solve(self) -> None:
-        """Estimates poses, points and lenses from the images whose lens is known by now."""
+    def solve(self, on_step: OnStep | None = None, trial: int | None = None) -> None:
+        """Estimates poses, points and lenses from the images whose lens is known by now.
+
+        Args:
+            on_step: see `solve_poses`; None: shows them as the mapping.
+            trial: its number, which changes the random numbers; None: this one is to stay.
+
+        Raises:
+            SolveError: nothing could be reconstructed; all stays as it was.
+        """
         mapping, options = self.mapping, self.mapping.options
-        if mapping.solution is not None:  # what the first solution found of its lenses
-            for image in np.flatnonzero(self.known):
-                if self._free[image] is not None and mapping.solution.registered[image]:
-                    self._cameras[image] = mapping.solution.cameras[image]
+        if trial is not None:
+            options = dataclasses.replace(options, seed=options.seed + trial)
         mapping = mapping.replace(photographs=mapping.photographs.with_cameras(self._cameras))
         among = {(int(a), int(b)) for a, b in mapping.raw.pairs if self.known[a] and self.known[b]}
         pairs = verify_matches(mapping.images, select_pairs(mapping.raw, among), options)
         require_overlap(mapping.images, pairs, is_lens_known=False)
-        self.mapping = mapping.replace(pairs=pairs, lens_free=list(self._free))
+        mapping = mapping.replace(pairs=pairs, lens_free=list(self._free))
         solution = solve_poses(
-            mapping.images, pairs, options, mapping.log.follow_steps("mapping"),
-            Adjustment(self.mapping.lens_free),
+            mapping.images, pairs, options, on_step or mapping.log.follow_steps("mapping"),
+            Adjustment(mapping.lens_free, covariances=trial is None),
         )  # fmt: skip
-        self.mapping = self.mapping.replace(solution=solution)
+        self.keep(mapping.replace(solution=solution))
+
+    def keep(self, mapping: Mapping) -> None:
+        """Takes a run's solution, and what it found of its lenses."""
+        self.mapping = mapping
+        for image in np.flatnonzero(self.known & mapping.solved.registered):
+            if self._free[image] is not None:
+                self._cameras[image] = mapping.solved.cameras[image]
 
 
 def _start_from_guesses(lenses: _Lenses, groups: Sequence[LensGroup]) -> None:
     """Solves from the lens that each camera states, or from the usual field of view.
 
-    For cameras none of which has photographs enough to choose its lens by them alone.
+    For cameras none of which has photographs enough to choose its lens by them alone. Which images
+    a structure connects through lenses that are far off is chance. So each round starts from those
+    of the best structure so far, or others that fit its points better, until two are the same.
 
     Raises:
         SolveError: nothing could be reconstructed.
     """
-    mapping = lenses.mapping
     for group in groups:
-        lenses.set(group, mapping.photographs.lenses[group.images[0]], START)
-    try:
-        lenses.solve()
-    except SolveError as error:
-        raise explain_failure(error, mapping.features, lenses.mapping.pairs, ADVICE) from None
+        lenses.set(group, lenses.mapping.photographs.lenses[group.images[0]], START)
+    best, most = lenses.mapping, (0, 0)
+    for trial in range(_MOST_ROUNDS):
+        try:
+            lenses.solve(follow_trial(best, trial / _MOST_ROUNDS, 1 / _MOST_ROUNDS), trial)
+        except SolveError as error:
+            if trial:
+                continue
+            raise explain_failure(error, best.features, lenses.mapping.pairs, ADVICE) from None
+        solution = lenses.mapping.solved
+        found = solution.num_registered, len(solution.observations)
+        is_same = found[0] == most[0] and abs(found[1] / most[1] - 1) < _SAME
+        if found > most:
+            best, most = lenses.mapping, found
+        lenses.keep(best)
+        if is_same:
+            break
+        for group in groups:
+            _fit_to_points(lenses, group)
+    adjustment = Adjustment(best.lens_free, extend=True)
+    lenses.keep(best.replace(solution=best.adjust(adjustment, stage="mapping")))
 
 
 def _fit_to_points(lenses: _Lenses, group: LensGroup) -> bool:
