@@ -18,6 +18,7 @@ from gsut.sfm.solution import (
     Solution,
     StatedTurns,
     find_lens_prior,
+    index_lenses,
 )
 
 # Standard deviations of an image's shift, over the extent of the cameras, and of its turn in
@@ -55,6 +56,25 @@ def estimate_lens_sigmas(
         np.sqrt(np.einsum("kf,fg,kg->k", basis, variance * inverse[own, own], basis))
         for _, basis, own in equations.list_lenses()
     ]
+
+
+def measure_focal_sigma(
+    solution: Solution, flags: LensFlags, turns: StatedTurns | None = None
+) -> tuple[float, list[np.ndarray]]:
+    """Measures the relative standard deviation of the focal length of the least known lens.
+
+    Returns:
+        It, infinite where the images do not determine the lens; and standard deviations of the
+        lenses' parameters.
+    """
+    try:
+        sigmas = estimate_lens_sigmas(solution, flags, turns)
+    except SolveError:
+        return math.inf, []
+    lenses = index_lenses(solution.cameras, flags)
+    estimated = [c for c, f in zip(lenses.cameras, lenses.free, strict=True) if f is not None]
+    sigma = max(float(own[0] / lens.params[0]) for own, lens in zip(sigmas, estimated, strict=True))
+    return sigma, sigmas
 
 
 def estimate_focal_spread(

@@ -6,21 +6,18 @@ import math
 
 import numpy as np
 
-from gsut._core import SolveError
 from gsut.data import list_some
 from gsut.sfm.lens.center import describe_center
-from gsut.sfm.lens.covariance import estimate_lens_sigmas
+from gsut.sfm.lens.covariance import measure_focal_sigma
 from gsut.sfm.lens.given import check_given_lens
 from gsut.sfm.lens.jackknife import (
     adjust_without_groups,
     estimate_focal_sigma,
-    measure_focal_spread,
     measure_lens_sigma,
     measure_pose_errors,
 )
 from gsut.sfm.lens.prior import find_lens, weigh_focal_prior
 from gsut.sfm.mapping import Mapping
-from gsut.sfm.solution import LensFlags, Solution, StatedTurns, index_lenses
 
 
 def judge_lens(mapping: Mapping) -> Mapping:
@@ -31,7 +28,7 @@ def judge_lens(mapping: Mapping) -> Mapping:
     solution, flags = mapping.solved, mapping.lens_free
     if flags is None:
         return check_given_lens(mapping)
-    sigma, known = _measure_focal_sigma(solution, flags, mapping.turns)
+    sigma, known = measure_focal_sigma(solution, flags, mapping.turns)
     if isinstance(flags, np.ndarray) and mapping.photographs.frames is None:
         mapping = describe_center(mapping, find_lens(solution), known[0] if known else None)
     by_turns = mapping.found.figures.get("focal_prior")
@@ -43,33 +40,12 @@ def judge_lens(mapping: Mapping) -> Mapping:
         if mapping.one_lens_free is not None:
             mapping, sigma = weigh_focal_prior(mapping, mapping.one_lens_free, alone)
         if without is not None and len(without) > 1 and math.isfinite(alone):
-            # What one focal length has in all groups, as of a prior, is in its sigma alone.
-            lens_sigma = measure_lens_sigma(without) * sigma / measure_focal_spread(without)
             mapping = mapping.add_findings(
                 pose_errors_px=measure_pose_errors(mapping.solved, without),
-                lens_sigma_px=lens_sigma,
+                lens_sigma_px=measure_lens_sigma(without, sigma),
             )
     percent = 100 * sigma if math.isfinite(sigma) else None
     return mapping.add_findings({"focal_sigma_percent": percent}, focal_sigma=sigma)
-
-
-def _measure_focal_sigma(
-    solution: Solution, flags: LensFlags, turns: StatedTurns | None
-) -> tuple[float, list[np.ndarray]]:
-    """Measures the relative standard deviation of the focal length of the least known lens.
-
-    Returns:
-        It, infinite where the images do not determine the lens; and standard deviations of the
-        lenses' parameters.
-    """
-    try:
-        sigmas = estimate_lens_sigmas(solution, flags, turns)
-    except SolveError:
-        return math.inf, []
-    lenses = index_lenses(solution.cameras, flags)
-    estimated = [c for c, f in zip(lenses.cameras, lenses.free, strict=True) if f is not None]
-    sigma = max(float(own[0] / lens.params[0]) for own, lens in zip(sigmas, estimated, strict=True))
-    return sigma, sigmas
 
 
 def describe_cameras(mapping: Mapping) -> list[str]:

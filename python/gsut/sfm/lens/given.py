@@ -12,10 +12,11 @@ from gsut.judge import SURE, TINY
 from gsut.judge.checks import NOT_GOOD
 from gsut.lens import Camera, convert_camera, find_focal_params, has_focal_length
 from gsut.sfm.lens.candidates import list_lens_ladder
+from gsut.sfm.lens.covariance import measure_focal_sigma
 from gsut.sfm.lens.differences import measure_lens_difference
 from gsut.sfm.lens.jackknife import (
     adjust_without_groups,
-    measure_focal_spread,
+    estimate_focal_sigma,
     measure_lens_sigma,
 )
 from gsut.sfm.lens.prior import find_focal, find_lens
@@ -52,10 +53,13 @@ def check_given_lens(mapping: Mapping) -> Mapping:
     figures: dict[str, float] = {"px": given}
     doubt = ""
     if gap > NOT_GOOD * measure_diagonal([lens]):
-        without = adjust_without_groups(mapping.replace(solution=free, pairs=pairs), flags)
+        some = mapping.replace(solution=free, pairs=pairs)
+        without = adjust_without_groups(some, flags)
         if without is not None and len(without) > 1:
-            figures["images_sigma_percent"] = 100 * measure_focal_spread(without)
-            figures["sigma_px"] = sigma = measure_lens_sigma(without)
+            by_features = measure_focal_sigma(free, flags)[0]
+            spread = estimate_focal_sigma(some, flags, by_features, without)
+            figures["images_sigma_percent"] = 100 * spread
+            figures["sigma_px"] = sigma = measure_lens_sigma(without, spread)
             if gap > SURE * sigma:
                 doubt = f"standard deviation {sigma:.1f} px"
         if not doubt:

@@ -103,13 +103,18 @@ def measure_pose_errors(solution: Solution, without: Sequence[Solution]) -> tupl
     return float(most), float(many)
 
 
-def measure_lens_sigma(without: Sequence[Solution]) -> float:
+def measure_lens_sigma(without: Sequence[Solution], focal_sigma: float) -> float:
     """Measures the standard deviation of the lens over a picture, in pixels.
+
+    As without some of the images, and as much more as the focal length is less sure than by these:
+    what nothing holds is the same in all of them.
 
     Args:
         without: two or more, see `adjust_without_groups`.
+        focal_sigma: standard deviation of the logarithm of the focal length.
     """
     count = len(without)
     lenses = [find_lens(each) for each in without]
     squared = [measure_lens_difference(*two) ** 2 for two in itertools.combinations(lenses, 2)]
-    return (count - 1) * math.sqrt(np.mean(squared) / (2 * count))
+    own = (count - 1) * math.sqrt(np.mean(squared) / (2 * count))
+    return own * focal_sigma / measure_focal_spread(without)

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from gsut._core import Shutter
+from gsut.judge import measure_pixels_per_radian
 from gsut.lens import Camera
 from gsut.sfm.photographs import TANGENT
 from gsut.sfm.solution.result import FEATURE_VARIANCE, Solution
@@ -328,7 +329,9 @@ def find_lens_prior(
     if flags is None or not math.isfinite(center_sigma):
         return mean, sigma
     if flags[0]:
-        mean[0], sigma[0] = max(camera.width, camera.height) * math.exp(_FOCAL[0]), _FOCAL[1]
+        usual = max(camera.width, camera.height) * math.exp(_FOCAL[0])
+        mean[0] *= usual / measure_pixels_per_radian(camera)
+        sigma[0] = _FOCAL[1]
     if np.any(flags[list(CENTER)]):
         mean[list(CENTER)] = camera.width / 2, camera.height / 2
         sigma[list(CENTER)] = center_sigma * math.hypot(camera.width, camera.height)
