@@ -17,7 +17,13 @@ from gsut.sfm.lens.ranking import ROUGH
 from gsut.sfm.lens.search import ADVICE, START, choose_lens, follow_trial, search_lens
 from gsut.sfm.lens.sightings import Sightings, gather_sightings
 from gsut.sfm.mapping import Mapping
-from gsut.sfm.matches import explain_failure, require_overlap, select_pairs, verify_matches
+from gsut.sfm.matches import (
+    explain_failure,
+    keep_most_distinct,
+    require_overlap,
+    select_pairs,
+    verify_matches,
+)
 from gsut.sfm.photographs import FEWEST_OF_MODEL, LensGroup
 from gsut.sfm.solution import Adjustment, OnStep, index_lenses, solve_poses
 
@@ -109,7 +115,8 @@ class _Lenses:
         require_overlap(mapping.images, pairs, is_lens_known=False)
         mapping = mapping.replace(pairs=pairs, lens_free=list(self._free))
         solution = solve_poses(
-            mapping.images, pairs, options, on_step or mapping.log.follow_steps("mapping"),
+            mapping.images, pairs if trial is None else keep_most_distinct(pairs), options,
+            on_step or mapping.log.follow_steps("mapping"),
             Adjustment(mapping.lens_free, covariances=trial is None),
         )  # fmt: skip
         self.keep(mapping.replace(solution=solution))
