@@ -12,15 +12,8 @@ from gsut.data import list_some
 from gsut.sfm.learned import add_learned_features
 from gsut.sfm.lens import search_lenses
 from gsut.sfm.mapping import Mapping, PosesLog
-from gsut.sfm.matches import (
-    FEW_IMAGES,
-    are_connected,
-    explain_failure,
-    keep_most_distinct,
-    require_overlap,
-)
+from gsut.sfm.matches import FEW_IMAGES, are_connected, explain_failure, require_overlap
 from gsut.sfm.rig import solve_rig
-from gsut.sfm.solution import Adjustment, solve_poses
 from gsut.sfm.starts import (
     leave_out_contradicted,
     register_left_out,
@@ -100,13 +93,8 @@ def _map_photographs(mapping: Mapping) -> Mapping:
         return solve_rig(mapping)
     if mapping.solution is not None:
         return mapping
-    is_last = mapping.options.readout_time is not None  # else `try_other_starts` adjusts all
-    pairs = mapping.pairs if is_last else keep_most_distinct(mapping.pairs)
     try:
-        solution = solve_poses(
-            mapping.images, pairs, mapping.options, mapping.log.follow_steps("mapping"),
-            Adjustment(covariances=is_last),
-        )  # fmt: skip
+        solution = mapping.solve(mapping.images, mapping.pairs)
     except SolveError as error:
         advice = "let the lens be estimated: --unknown-lens"
         raise explain_failure(error, mapping.features, mapping.pairs, advice) from None

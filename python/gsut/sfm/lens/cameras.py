@@ -14,18 +14,17 @@ from gsut.lens import Camera
 from gsut.sampling import MAJORITY, choose_evenly
 from gsut.sfm.lens.candidates import list_lens_ladder
 from gsut.sfm.lens.ranking import ROUGH
-from gsut.sfm.lens.search import ADVICE, START, choose_lens, follow_trial, search_lens
+from gsut.sfm.lens.search import ADVICE, START, choose_lens, search_lens
 from gsut.sfm.lens.sightings import Sightings, gather_sightings
 from gsut.sfm.mapping import Mapping
 from gsut.sfm.matches import (
     explain_failure,
-    keep_most_distinct,
     require_overlap,
     select_pairs,
     verify_matches,
 )
 from gsut.sfm.photographs import FEWEST_OF_MODEL, LensGroup
-from gsut.sfm.solution import Adjustment, OnStep, index_lenses, solve_poses
+from gsut.sfm.solution import index_lenses
 
 _MOST_ROUNDS = 6  # of structures from guessed lenses; most captures end before
 _SAME = 0.02  # relative difference of the observations of two structures that are the same
@@ -96,30 +95,27 @@ class _Lenses:
             self._cameras[image], self._free[image] = lens, own
         self.known[group.images] = True
 
-    def solve(self, on_step: OnStep | None = None, trial: int | None = None) -> None:
+    def solve(self, trial: int = 0) -> None:
         """Estimates poses, points and lenses from the images whose lens is known by now.
 
         Args:
-            on_step: see `solve_poses`; None: shows them as the mapping.
-            trial: its number, which changes the random numbers; None: this one is to stay.
+            trial: its number, which changes the random numbers.
 
         Raises:
             SolveError: nothing could be reconstructed; all stays as it was.
         """
         mapping, options = self.mapping, self.mapping.options
-        if trial is not None:
-            options = dataclasses.replace(options, seed=options.seed + trial)
-        mapping = mapping.replace(photographs=mapping.photographs.with_cameras(self._cameras))
+        varied = mapping.replace(
+            photographs=mapping.photographs.with_cameras(self._cameras),
+            options=dataclasses.replace(options, seed=options.seed + trial),
+        )
         among = {(int(a), int(b)) for a, b in mapping.raw.pairs if self.known[a] and self.known[b]}
-        pairs = verify_matches(mapping.images, select_pairs(mapping.raw, among), options)
-        require_overlap(mapping.images, pairs, is_lens_known=False)
-        mapping = mapping.replace(pairs=pairs, lens_free=list(self._free))
-        solution = solve_poses(
-            mapping.images, pairs if trial is None else keep_most_distinct(pairs), options,
-            on_step or mapping.log.follow_steps("mapping"),
-            Adjustment(mapping.lens_free, covariances=trial is None),
-        )  # fmt: skip
-        self.keep(mapping.replace(solution=solution))
+        pairs = verify_matches(varied.images, select_pairs(mapping.raw, among), varied.options)
+        require_overlap(varied.images, pairs, is_lens_known=False)
+        free = list(self._free)
+        solution = varied.solve(varied.images, pairs, free)
+        varied = varied.replace(pairs=pairs, lens_free=free, solution=solution)
+        self.keep(varied.replace(options=options))
 
     def keep(self, mapping: Mapping) -> None:
         """Takes a run's solution, and what it found of its lenses."""
@@ -144,7 +140,7 @@ def _start_from_guesses(lenses: _Lenses, groups: Sequence[LensGroup]) -> None:
     best, most = lenses.mapping, (0, 0)
     for trial in range(_MOST_ROUNDS):
         try:
-            lenses.solve(follow_trial(best, trial / _MOST_ROUNDS, 1 / _MOST_ROUNDS), trial)
+            lenses.solve(trial)
         except SolveError as error:
             if trial:
                 continue
@@ -159,8 +155,7 @@ def _start_from_guesses(lenses: _Lenses, groups: Sequence[LensGroup]) -> None:
             break
         for group in groups:
             _fit_to_points(lenses, group)
-    adjustment = Adjustment(best.lens_free, extend=True)
-    lenses.keep(best.replace(solution=best.adjust(adjustment, stage="mapping")))
+    lenses.keep(best)
 
 
 def _fit_to_points(lenses: _Lenses, group: LensGroup) -> bool:

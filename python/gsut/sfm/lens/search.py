@@ -24,7 +24,7 @@ from gsut.sfm.matches import (
     verify_matches,
 )
 from gsut.sfm.photographs import MOST_TRIED, SAME_FOCAL
-from gsut.sfm.solution import Adjustment, LensFlag, OnStep, Solution, solve_poses
+from gsut.sfm.solution import Adjustment, LensFlag, Solution, solve_poses
 
 # Estimated first of a Kannala-Brandt lens: the focal length and k1.
 _FOCAL = [LensFlag.TIED, LensFlag.TIED, 0, 0]
@@ -55,11 +55,7 @@ def search_lens(mapping: Mapping) -> Mapping:
     """
     lens, flags, pairs = choose_lens(mapping)
     try:
-        solution = solve_poses(
-            mapping.images.with_lens(lens), pairs, mapping.options,
-            mapping.log.follow_steps("mapping"),
-            Adjustment(flags, lens_settled=True),
-        )  # fmt: skip
+        solution = mapping.solve(mapping.images.with_lens(lens), pairs, flags, lens_settled=True)
     except SolveError as error:
         raise explain_failure(error, mapping.features, pairs, ADVICE) from None
     return mapping.replace(solution=solution, pairs=pairs, lens_free=flags)
@@ -152,21 +148,15 @@ def _verify(
     return verify_matches(mapping.images.with_lens(lens), raw, mapping.options)
 
 
-def follow_trial(mapping: Mapping, start: float, share: float) -> OnStep:
-    """Returns a function that reports the steps of a trial, which begins at a share of the lens."""
+def _try_lens(mapping: Mapping, lens: Camera, pairs: Sequence[PairMatches]) -> Solution | None:
+    """Reconstructs from nothing but matches with the lens free; None where that fails."""
 
     def show(done: int, total: int, points: int, step: str) -> None:
         text = f"{done} images, {points:,} points"
-        mapping.log.show_share("lens", start + share * done / total, text)
+        mapping.log.show_share("lens", 0.25 + 0.5 * done / total, text)
 
-    return show
-
-
-def _try_lens(mapping: Mapping, lens: Camera, pairs: Sequence[PairMatches]) -> Solution | None:
-    """Reconstructs from nothing but matches with the lens free; None where that fails."""
     images, adjustment = mapping.images.with_lens(lens), Adjustment(START, covariances=False)
-    on_step = follow_trial(mapping, 0.25, 0.5)
     try:
-        return solve_poses(images, pairs, mapping.options, on_step, adjustment)
+        return solve_poses(images, pairs, mapping.options, show, adjustment)
     except SolveError:
         return None

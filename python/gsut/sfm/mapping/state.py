@@ -11,7 +11,7 @@ import numpy as np
 from gsut._core import Shutter
 from gsut.data.rigs import Rig
 from gsut.sfm.mapping.log import PosesLog
-from gsut.sfm.matches import PairMatches, RawMatches
+from gsut.sfm.matches import PairMatches, RawMatches, keep_most_distinct
 from gsut.sfm.photographs import (
     Features,
     ImageLines,
@@ -27,6 +27,7 @@ from gsut.sfm.solution import (
     Solution,
     StatedTurns,
     adjust_registered,
+    solve_poses,
 )
 
 
@@ -146,6 +147,32 @@ class Mapping:
         """
         figures = {**self.found.figures, **(figures or {})}
         return self.replace(found=dataclasses.replace(self.found, figures=figures, **findings))
+
+    def solve(
+        self,
+        images: Images,
+        pairs: Sequence[PairMatches],
+        lens_free: LensFlags = None,
+        lens_settled: bool = False,
+    ) -> Solution:
+        """Estimates poses and points from nothing but matches, which are to be adjusted then.
+
+        By the most distinct matches of each pair, of which fewer are wrong. A rolling shutter takes
+        all, which its velocities need.
+
+        Args:
+            images, pairs: see `solve_poses`.
+            lens_free, lens_settled: see `Adjustment`.
+
+        Raises:
+            SolveError: nothing could be reconstructed.
+        """
+        is_rolling = images.shutter is not None
+        return solve_poses(
+            images, pairs if is_rolling else keep_most_distinct(pairs), self.options,
+            self.log.follow_steps("mapping"),
+            Adjustment(lens_free, lens_settled=lens_settled, covariances=is_rolling),
+        )  # fmt: skip
 
     def adjust(
         self,

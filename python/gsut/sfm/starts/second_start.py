@@ -33,8 +33,8 @@ def try_other_starts(mapping: Mapping) -> Mapping:
     A structure that grows image by image may take a wrong turn that no adjustment undoes, and most
     points fit nevertheless: of the two ways to see a plane, or depth, the wrong one, or velocities
     of a rolling shutter that bend the scene. A structure of half of the points seldom takes the
-    same turn. Poses found through a known lens are adjusted once more, from a loose limit on: more
-    of the matches then agree with them. Velocities of a rolling shutter must pay for themselves.
+    same turn. Poses are adjusted by all matches from a loose limit on: more of them then agree.
+    Velocities of a rolling shutter must pay for themselves.
     Does nothing for a rig, where the readout time is given, or without points.
 
     Returns:
@@ -44,10 +44,9 @@ def try_other_starts(mapping: Mapping) -> Mapping:
     is_timed = mapping.options.readout_time is not None
     if mapping.rig is not None or is_timed or not len(solution.points):
         return mapping
-    best = solution
     still = dataclasses.replace(solution, shutter=None, velocities=None)
-    if solution.velocities is not None or mapping.lens_free is None:
-        best = _adjust(mapping, still, None) or solution
+    moves = solution.velocities is not None
+    best = first = _adjust(mapping, still, None if moves else mapping.lens_free) or solution
     for start in _find_others(mapping, still):
         found = _adjust(mapping, start, None)
         if found is not None and _is_better(mapping, best, found):
@@ -56,7 +55,7 @@ def try_other_starts(mapping: Mapping) -> Mapping:
         more_free = solution.velocities[solution.registered].size
         if _is_better(mapping, best, solution, more_free):
             return mapping
-    if best is not solution and mapping.lens_free is not None:
+    if (moves or best is not first) and mapping.lens_free is not None:
         best = _adjust(mapping, best, mapping.lens_free) or best
     return mapping.replace(solution=best)
 
