@@ -360,7 +360,7 @@ def test_poses_command_killed_goes_on_from_its_last_stage(some_sponza, tmp_path,
 
     monkeypatch.setattr(core_features, "_read_all_features", counted)
     with monkeypatch.context() as patch:
-        patch.setattr(connection, "solve_poses", killed)
+        patch.setattr("gsut.sfm.mapping.state.solve_poses", killed)
         with pytest.raises(KeyboardInterrupt):
             find_poses(some_sponza[0], out)
     assert calls["features"] == IMAGES
