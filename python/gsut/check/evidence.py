@@ -25,6 +25,7 @@ from gsut.judge import (
     score_errors,
 )
 from gsut.lens import Camera
+from gsut.sfm.photographs import FEWEST_OF_MODEL
 
 _FEWEST_SHARED = 6  # features that three images share, from which their scales are compared
 _SAMPLE = 800  # matches, and shared features, by which hypotheses are tried: enough to choose
@@ -234,7 +235,8 @@ def gather_evidence(scene: Scene, pairs: list[ImagePair] | None = None) -> Evide
         pairs: from `match_neighbours`, if already computed.
     """
     pairs = match_neighbours(scene) if pairs is None else pairs
-    if len(pairs) < 2:  # one alone may be an exception
+    # Things that repeat along a path may mislead all pairs of three.
+    if len({view for pair in pairs for view in (pair.first, pair.second)}) < FEWEST_OF_MODEL:
         return None
     shared, triples = _find_shared(scene, pairs)
     camera = scene.cameras[0]
