@@ -107,7 +107,7 @@ class _Lenses:
         mapping, options = self.mapping, self.mapping.options
         varied = mapping.replace(
             photographs=mapping.photographs.with_cameras(self._cameras),
-            options=dataclasses.replace(options, seed=options.seed + trial),
+            options=dataclasses.replace(options, seed=options.seed ^ trial),
         )
         among = {(int(a), int(b)) for a, b in mapping.raw.pairs if self.known[a] and self.known[b]}
         pairs = verify_matches(varied.images, select_pairs(mapping.raw, among), varied.options)
