@@ -16,6 +16,7 @@ import numpy as np
 
 from gsut._core import SolveError
 from gsut.judge import MEDIAN_DEVIATION
+from gsut.lens import with_scaled_focal
 from gsut.sfm.lens.covariance import estimate_focal_spread
 from gsut.sfm.lens.differences import measure_lens_difference, measure_pose_differences
 from gsut.sfm.lens.information import GROUPS
@@ -106,15 +107,19 @@ def measure_pose_errors(solution: Solution, without: Sequence[Solution]) -> tupl
 def measure_lens_sigma(without: Sequence[Solution], focal_sigma: float) -> float:
     """Measures the standard deviation of the lens over a picture, in pixels.
 
-    As without some of the images, and as much more as the focal length is less sure than by these:
-    what nothing holds is the same in all of them.
+    As without some of the images, and by what the focal length is less sure than these say: what
+    nothing holds is the same in all of them. Less where a prior knows the focal length better.
 
     Args:
         without: two or more, see `adjust_without_groups`.
         focal_sigma: standard deviation of the logarithm of the focal length.
     """
-    count = len(without)
+    count, spread = len(without), measure_focal_spread(without)
     lenses = [find_lens(each) for each in without]
     squared = [measure_lens_difference(*two) ** 2 for two in itertools.combinations(lenses, 2)]
     own = (count - 1) * math.sqrt(np.mean(squared) / (2 * count))
-    return own * focal_sigma / measure_focal_spread(without)
+    if focal_sigma <= spread:
+        return own * focal_sigma / spread
+    more = min(math.sqrt(focal_sigma**2 - spread**2), 1.0)  # a factor of e is all of a picture
+    longer = with_scaled_focal(lenses[0], math.exp(more))
+    return math.hypot(own, measure_lens_difference(lenses[0], longer))
