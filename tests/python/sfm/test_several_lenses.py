@@ -8,6 +8,7 @@ import pytest
 import gsut
 import tolerances
 from disturbances import disturb_rig
+from gsut._core import SolveError
 from gsut.data.rigs import measure_changes
 from gsut.sfm import PosesOptions, compare_poses
 from gsut.sfm.lens.cameras import search_lenses
@@ -130,6 +131,17 @@ def test_a_camera_of_two_photographs_gets_its_lens_from_points_of_the_others(sce
     check(scene_few, mapping, FRAMES + 2, tolerances.SEVERAL_LENSES_FEW_FOCAL)
 
 
+def split_cameras(walk):
+    """A run of photographs by a camera each, of which nothing is known."""
+    mapping, count = walk.mapping(OPTIONS), len(walk.features)
+    photographs = dataclasses.replace(
+        mapping.photographs,
+        cameras=[guess_lens(1000, 1010, DEFAULT_FIELD)] * count,
+        groups=tuple(LensGroup(str(i), np.array([i]), (), None, None) for i in range(count)),
+    )
+    return mapping.replace(photographs=photographs, pairs=[])
+
+
 def test_photographs_by_a_camera_each_are_found_through_lenses_far_from_the_guess():
     rng = np.random.default_rng(1)
     zooms = np.exp(rng.uniform(np.log(0.6), np.log(3.0), 8)).tolist()
@@ -137,16 +149,17 @@ def test_photographs_by_a_camera_each_are_found_through_lenses_far_from_the_gues
     walk = Synthetic(
         rng, images=len(zooms), points=1500, noise=0.5, turn=0.3, camera=lens, zooms=zooms
     )
-    mapping = walk.mapping(OPTIONS)
-    photographs = dataclasses.replace(
-        mapping.photographs,
-        cameras=[guess_lens(1000, 1010, DEFAULT_FIELD)] * len(zooms),
-        groups=tuple(LensGroup(str(i), np.array([i]), (), None, None) for i in range(len(zooms))),
-    )
-    solution = search_lenses(mapping.replace(photographs=photographs, pairs=[])).solved
+    solution = search_lenses(split_cameras(walk)).solved
     assert solution.registered.all()  # 7 of 8 by one start alone
     found = [camera.params[0] / 800 for camera in solution.cameras]
     assert found == pytest.approx(zooms, rel=tolerances.SEVERAL_LENSES_FEW_FOCAL)
+
+
+def test_photographs_by_a_camera_each_from_one_place_are_refused_with_the_cause(rng):
+    lens = gsut.Camera("opencv4", [800, 800, 500, 505, 0, 0, 0, 0], 1000, 1010)
+    walk = Synthetic(rng, images=6, points=1500, noise=0.3, turn=0.1, reach=1e-3, camera=lens)
+    with pytest.raises(SolveError, match="the camera hardly moved between them"):
+        search_lenses(split_cameras(walk))
 
 
 def test_a_camera_that_sees_nothing_of_the_others_gets_no_pose_and_a_note(scene, monkeypatch):

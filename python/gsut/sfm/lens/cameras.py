@@ -17,12 +17,7 @@ from gsut.sfm.lens.ranking import ROUGH
 from gsut.sfm.lens.search import ADVICE, START, choose_lens, search_lens
 from gsut.sfm.lens.sightings import Sightings, gather_sightings
 from gsut.sfm.mapping import Mapping
-from gsut.sfm.matches import (
-    explain_failure,
-    require_overlap,
-    select_pairs,
-    verify_matches,
-)
+from gsut.sfm.matches import explain_failure, require_overlap, select_pairs, verify_matches
 from gsut.sfm.photographs import FEWEST_OF_MODEL, LensGroup
 from gsut.sfm.solution import index_lenses
 
@@ -102,7 +97,7 @@ class _Lenses:
             trial: its number, which changes the random numbers.
 
         Raises:
-            SolveError: nothing could be reconstructed; all stays as it was.
+            SolveError: nothing could be reconstructed; the solution stays, the pairs say why.
         """
         mapping, options = self.mapping, self.mapping.options
         varied = mapping.replace(
@@ -112,7 +107,7 @@ class _Lenses:
         among = {(int(a), int(b)) for a, b in mapping.raw.pairs if self.known[a] and self.known[b]}
         pairs = verify_matches(varied.images, select_pairs(mapping.raw, among), varied.options)
         require_overlap(varied.images, pairs, is_lens_known=False)
-        free = list(self._free)
+        self.mapping, free = mapping.replace(pairs=pairs), list(self._free)
         solution = varied.solve(varied.images, pairs, free)
         varied = varied.replace(pairs=pairs, lens_free=free, solution=solution)
         self.keep(varied.replace(options=options))
