@@ -108,6 +108,31 @@ class Browser:
         return self._ask("/goog/cdp/execute", {"cmd": command, "params": values})
 
 
+def _start(driver: str) -> tuple[subprocess.Popen[str], str]:
+    """A running driver and its port. Beside other tests a driver has been seen to end before it had
+    a port, so one that ends is started again, and what all said is in the error."""
+    said: list[str] = []
+    for _ in range(5):
+        process = subprocess.Popen(
+            [driver, "--port=0"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+        )
+        assert process.stdout is not None
+        for line in process.stdout:
+            said.append(line)
+            if "successfully on port" in line:
+                return process, line.rstrip(".\n").split()[-1]
+        _stop(process)
+        said.append(f"(ended with {process.returncode})\n")
+    raise RuntimeError(f"{driver} does not start:\n{''.join(said)}")
+
+
+def _stop(process: subprocess.Popen[str]) -> None:
+    process.terminate()
+    process.wait()
+    assert process.stdout is not None
+    process.stdout.close()
+
+
 @contextlib.contextmanager
 def browser(
     width: int = 1280, height: int = 800, more_flags: tuple[str, ...] = ()
@@ -117,13 +142,8 @@ def browser(
     if driver is None or program is None:
         pytest.skip("chromium and chromium-driver are not installed")
     with tempfile.TemporaryDirectory(prefix="gsut-browser-", ignore_cleanup_errors=True) as folder:
-        process = subprocess.Popen(
-            [driver, "--port=0"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
-        )
+        process, port = _start(driver)
         try:
-            assert process.stdout is not None
-            line = next(text for text in process.stdout if "successfully on port" in text)
-            port = line.rstrip(".\n").split()[-1]
             address = f"http://127.0.0.1:{port}/session"
             flags = [*_FLAGS, f"--user-data-dir={folder}", f"--window-size={width},{height}",
                      *more_flags]  # fmt: skip
@@ -142,6 +162,4 @@ def browser(
                     urllib.request.Request(f"{address}/{session}", method="DELETE"), timeout=10
                 ).close()
         finally:
-            process.terminate()
-            process.wait()
-            process.stdout.close()
+            _stop(process)
