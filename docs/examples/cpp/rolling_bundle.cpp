@@ -70,6 +70,6 @@ int main() {
     before += truth.velocities[i].tail<3>().norm() / kImages;
     after += (bundle.velocities[i] - truth.velocities[i]).tail<3>().norm() / kImages;
   }
-  std::printf("%zu observations: rms %.2f -> %.2f px; turn in a readout off by %.4f -> %.4f rad\n",
-              bundle.observations.size(), summary.rms_before, summary.rms_after, before, after);
+  std::printf("%zu observations: cost %.0f -> %.0f; turn in a readout off by %.4f -> %.4f rad\n",
+              bundle.observations.size(), summary.cost_before, summary.cost_after, before, after);
 }
