@@ -11,6 +11,7 @@ import numpy as np
 from gsut import _core
 from gsut.check.evidence import Evidence
 from gsut.data import Scene
+from gsut.gaussians import measure_rotation_angles
 from gsut.judge import SAME_DEGREES, SURE
 
 _SHUFFLES = 4  # of each pair: their mean is what chance explains
@@ -167,16 +168,12 @@ def _find_apart(verdicts: Sequence[PairVerdict]) -> list[list[int]]:
             if (c, a) not in turns or find(b) != find(c) or find(a) == find(b):
                 continue
             (one, ab), (inside, bc), (two, ca) = turns[a, b], turns[b, c], turns[c, a]
-            closed = _measure_angle(ca @ bc @ ab) < SAME_DEGREES
+            (turned,) = np.degrees(measure_rotation_angles((ca @ bc @ ab)[None]))
+            closed = turned < SAME_DEGREES
             if closed and inside.supports and one.contradicts and two.contradicts:
                 apart[frozenset((find(a), find(b)))] = None
     members = {root: [v for v in group if find(v) == root] for pair in apart for root in pair}
     return sorted((sorted(views) for views in members.values()), key=len)
-
-
-def _measure_angle(rotation: np.ndarray) -> float:
-    """Returns degrees."""
-    return math.degrees(math.acos(min(1.0, max(-1.0, (np.trace(rotation) - 1) / 2))))
 
 
 def find_far_views(scene: Scene) -> tuple[list[int], float, float]:

@@ -8,10 +8,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from gsut._core import CameraMotion
 from gsut.check.findings import Finding
 from gsut.check.matches import ImagePair, match_neighbours, order_in_time
 from gsut.data import Scene
-from gsut.data.poses import OPENGL_FROM_OPENCV
+from gsut.data.poses import OPENGL_FROM_OPENCV, invert_pose
+from gsut.data.scene import find_line_times
 from gsut.judge import (
     MOMENTS,
     SURE,
@@ -19,8 +21,6 @@ from gsut.judge import (
     Matches,
     Structure,
     compute_cross_products,
-    compute_readout_poses,
-    find_readout_moments,
     measure_angular_errors,
     score_errors,
 )
@@ -251,7 +251,7 @@ def gather_evidence(scene: Scene, pairs: list[ImagePair] | None = None) -> Evide
 
 def make_dataset(scene: Scene) -> Dataset:
     """Takes poses and lenses of a scene."""
-    of_views = [compute_readout_poses(view) for view in scene.views]
+    of_views = [_list_poses(view.motion) for view in scene.views]
     moments = max(len(poses) for poses in of_views)
     is_opengl = (scene.path / "transforms.json").is_file() or scene.path.suffix == ".json"
     return Dataset(
@@ -261,16 +261,22 @@ def make_dataset(scene: Scene) -> Dataset:
     )  # fmt: skip
 
 
+def _list_poses(motion: CameraMotion | np.ndarray) -> list[np.ndarray]:
+    """Lists world_from_camera (4, 4): one, or one for each moment of a rolling readout."""
+    if not isinstance(motion, CameraMotion):
+        return [invert_pose(motion)]
+    return [invert_pose(np.asarray(motion.at((k + 0.5) / MOMENTS))) for k in range(MOMENTS)]
+
+
 def _find_moments(scene: Scene, pair: ImagePair) -> np.ndarray:
     """Returns the moment (2, M) of the readout at which each pixel is read, down the image."""
     found = []
     for index, pixels in zip((pair.first, pair.second), pair.pixels, strict=True):
-        view, camera = scene.views[index], scene.camera(index)
-        if view.camera_from_world_start is not None:
-            found.append(find_readout_moments(view, camera, pixels))
-            continue
-        line = np.floor(MOMENTS * pixels[:, 1] / camera.height).astype(np.int64)
-        found.append(np.clip(line, 0, MOMENTS - 1))
+        camera, motion = scene.camera(index), scene.views[index].motion
+        times = pixels[:, 1] / camera.height
+        if isinstance(motion, CameraMotion):
+            times = find_line_times(camera, motion, pixels)
+        found.append(np.clip((MOMENTS * times).astype(np.int64), 0, MOMENTS - 1))
     return np.stack(found)
 
 

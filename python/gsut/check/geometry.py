@@ -6,10 +6,14 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from gsut._core import CameraMotion
 from gsut.check.findings import Finding, make_reporters
 from gsut.check.samples import SIDE
 from gsut.data import Scene, list_some
 from gsut.data.points import UNCOLORED, has_colors
+from gsut.data.poses import invert_pose
+from gsut.data.scene import project_points
+from gsut.gaussians import measure_rotation_angles
 from gsut.sampling import ENOUGH_SAMPLES, FEWEST_SAMPLES
 
 _NARROWEST = 1.0  # degrees off the axis, which the longest photographic lenses see
@@ -92,22 +96,17 @@ def check_poses(scene: Scene) -> Iterator[Finding]:
             f"the cameras' up is the world's -{'xyz'[axis]}: a viewer with +{'xyz'[axis]} up shows"
             " the scene upside down (usual for COLMAP, whose y points down)"
         )
-    rolling = [view for view in views if view.camera_from_world_start is not None]
+    rolling = [view.motion for view in views if isinstance(view.motion, CameraMotion)]
     if rolling:
-        moved = np.median([_measure_readout_motion(view) for view in rolling], axis=0)
+        ends = [(np.asarray(motion.at(0.0)), np.asarray(motion.at(1.0))) for motion in rolling]
+        steps = np.array([start @ invert_pose(end) for start, end in ends])
+        moved = np.median(np.linalg.norm(steps[:, :3, 3], axis=1))
+        turned = np.degrees(np.median(measure_rotation_angles(steps[:, :3, :3])))
         yield inform(
             f"{len(rolling)} views have rolling-shutter poses (median motion in one frame"
-            f" {moved[0]:.3g} units, {moved[1]:.2g} degrees)",
+            f" {moved:.3g} units, {turned:.2g} degrees)",
             "training sees each line from its own pose; --shutter global would blur the scene",
         )
-
-
-def _measure_readout_motion(view) -> tuple[float, float]:
-    start, end = view.camera_from_world_start, view.camera_from_world_end
-    turn = start[:3, :3] @ end[:3, :3].T
-    angle = np.degrees(np.arccos(np.clip((np.trace(turn) - 1) / 2, -1, 1)))
-    move = start[:3, :3].T @ start[:3, 3] - end[:3, :3].T @ end[:3, 3]
-    return float(np.linalg.norm(move)), float(angle)
 
 
 def _find_repeated_poses(scene: Scene, centers: np.ndarray, tiny: float) -> Iterator[Finding]:
@@ -175,13 +174,11 @@ def check_points(scene: Scene) -> Iterator[Finding]:
 
 def _find_seen_points(scene: Scene) -> np.ndarray:
     """Returns (V, P) bool: which of some evenly chosen points lie in each view's image."""
-    step = -(-len(scene.points) // ENOUGH_SAMPLES)
-    points = scene.points[::step]
+    points = scene.points[:: -(-len(scene.points) // ENOUGH_SAMPLES)]
     seen = np.zeros((len(scene), len(points)), bool)
     for index, view in enumerate(scene.views):
         camera = scene.camera(index)
-        pose = view.camera_from_world
-        pixels, valid = camera.project(points @ pose[:3, :3].T + pose[:3, 3])
+        _, pixels, valid = project_points(camera, view.camera_from_world, points)
         with np.errstate(invalid="ignore"):
             inside = (pixels >= 0) & (pixels < [camera.width, camera.height])
         seen[index] = np.asarray(valid, bool) & inside.all(axis=1)

@@ -5,8 +5,6 @@ from gsut.judge.epipolar import (
     SAME_DEGREES,
     TINY,
     compute_cross_products,
-    compute_readout_poses,
-    find_readout_moments,
     measure_angular_errors,
     measure_pixels_per_radian,
 )
@@ -29,30 +27,3 @@ from gsut.judge.readings import READINGS, list_signed_permutations
 
 # The likelier first: of those that explain the photographs alike, the first is named.
 HYPOTHESES = (*READINGS, *LENS_ERRORS, *PATH_ERRORS)
-
-__all__ = [
-    "HYPOTHESES",
-    "KEPT",
-    "LEAST_NOISE",
-    "MEDIAN_DEVIATION",
-    "MOMENTS",
-    "SAME_DEGREES",
-    "SURE",
-    "TINY",
-    "Dataset",
-    "Hypothesis",
-    "Matches",
-    "Preference",
-    "Structure",
-    "Variant",
-    "compute_cross_products",
-    "compute_readout_poses",
-    "estimate_share",
-    "find_best_variants",
-    "find_readout_moments",
-    "list_signed_permutations",
-    "measure_angular_errors",
-    "measure_pixels_per_radian",
-    "prefer",
-    "score_errors",
-]

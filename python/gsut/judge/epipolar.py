@@ -4,36 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from gsut._core import CameraMotion
-from gsut.data import View
-from gsut.data.poses import invert_pose
 from gsut.lens import Camera
 
 TINY = 1e-12  # keeps quotients finite, and is the length of a baseline without a direction
 SAME_DEGREES = 5.0  # between turns of images that agree: several errors of a turn
 MOMENTS = 16  # of a rolling readout at which poses are taken: neighbouring poses hardly differ
-
-
-def compute_readout_poses(view: View) -> np.ndarray:
-    """Returns (1, 4, 4) world_from_camera, or (16, 4, 4) at moments of a rolling readout."""
-    motion = view.motion
-    if not isinstance(motion, CameraMotion):
-        return invert_pose(np.asarray(motion))[None]
-    times = (np.arange(MOMENTS) + 0.5) / MOMENTS
-    return np.array([invert_pose(np.asarray(motion.at(float(time)))) for time in times])
-
-
-def find_readout_moments(view: View, camera: Camera, pixels: np.ndarray) -> np.ndarray:
-    """Returns (N,) indices into the poses of a readout: when pixels (N, 2) are read."""
-    motion = view.motion
-    if not isinstance(motion, CameraMotion):
-        return np.zeros(len(pixels), np.int64)
-    direction = motion.shutter.direction
-    along = 1 if direction in ("top_to_bottom", "bottom_to_top") else 0
-    share = pixels[:, along] / (camera.width, camera.height)[along]
-    if direction in ("bottom_to_top", "right_to_left"):
-        share = 1 - share
-    return np.clip((share * MOMENTS).astype(np.int64), 0, MOMENTS - 1)
 
 
 def measure_pixels_per_radian(camera: Camera) -> float:

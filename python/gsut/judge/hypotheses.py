@@ -132,8 +132,8 @@ def climb(
 
 def find_best_variants(
     hypotheses: Sequence[Hypothesis], given: Dataset, rate: Rate, is_poor: bool
-) -> list[tuple[Hypothesis, Variant]]:
-    """Finds the best variant of each hypothesis that scores better than what is given.
+) -> Iterator[tuple[Hypothesis, Variant]]:
+    """Yields the best variant of each hypothesis that scores better than what is given.
 
     Args:
         hypotheses: the rows.
@@ -141,7 +141,7 @@ def find_best_variants(
         rate: scores a dataset.
         is_poor: the given dataset explains so little that gross mistakes are possible.
     """
-    base, found = float(np.mean(rate(given))), []
+    base = float(np.mean(rate(given)))
     for hypothesis in hypotheses:
         if is_poor or not hypothesis.is_gross:
             rated = [
@@ -150,6 +150,4 @@ def find_best_variants(
             ]
             value, best = max(rated, key=lambda each: each[0], default=(base, None))
             if best is not None and value > base:
-                found.append((value, hypothesis, best))
-    found.sort(key=lambda each: -each[0])
-    return [(hypothesis, best) for _, hypothesis, best in found]
+                yield hypothesis, best

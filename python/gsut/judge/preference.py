@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import statistics
 from collections.abc import Callable
 
 import numpy as np
@@ -24,7 +25,8 @@ SURE = 3.0
 # place must have.
 KEPT = 0.9
 _ROUNDS = 20  # of expectation and maximization, which settle in about ten
-MEDIAN_DEVIATION = 1.4826  # standard deviation of a normal law, in median absolute deviations
+# Standard deviation of a normal law, in median absolute deviations: these hold a half of it.
+MEDIAN_DEVIATION = 1 / statistics.NormalDist().inv_cdf(0.75)
 LEAST_NOISE = 0.01  # pixels: no feature is found better
 
 

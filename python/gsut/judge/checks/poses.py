@@ -12,8 +12,6 @@ from gsut.judge.checks.pictures import MANY, PICTURE_CHECKS, PictureQuality
 from gsut.judge.preference import MEDIAN_DEVIATION
 from gsut.run import Verdict
 
-# Relative error of the focal length that shifts a picture by GOOD_PX (root mean square).
-_FOCAL_LIMIT = 0.02
 # Share of matches that agree with poses and lenses, below which one of these is wrong; repeated
 # things lower it too.
 FEW_AGREE = 0.4
@@ -112,15 +110,19 @@ class PosesQuality(PictureQuality):
 
 
 def convert_focal_error(error: float) -> float:
-    """Converts a relative error of the focal length to pixels of a picture."""
-    return GOOD_PX / _FOCAL_LIMIT * abs(error)
+    """Converts a relative error of the focal length to pixels of a picture, root mean square.
+
+    It moves a pixel by its share of the distance from the middle, whose square is on average a
+    twelfth of the squared diagonal.
+    """
+    return DIAGONAL / math.sqrt(12) * abs(error)
 
 
 def _describe_error(q: PosesQuality) -> str:
     """Describes which of lens and poses is open."""
     sigma, px = q.focal_sigma or 0.0, q.pose_errors_px[0]
     if q.is_lens_open:
-        if sigma < _FOCAL_LIMIT:
+        if convert_focal_error(sigma) < GOOD_PX:
             return f"the lens is probably {q.lens_px / q.scale:.1f} px off"
         known = f"known only to {200 * sigma:.1f} %" if 2 * sigma <= 0.5 else "not determined"
         return f"the focal length is {known}"
