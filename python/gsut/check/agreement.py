@@ -148,15 +148,10 @@ def _find_apart(verdicts: Sequence[PairVerdict]) -> list[list[int]]:
     if sum(each.supports for each in verdicts) < 2:
         return []
     group = {view: view for each in verdicts for view in each.views}
-
-    def find(view: int) -> int:
-        while group[view] != view:
-            view = group[view]
-        return view
-
     for each in verdicts:
         if each.supports:
-            group[find(each.views[0])] = find(each.views[1])
+            kept, joined = (group[view] for view in each.views)
+            group = {view: kept if own == joined else own for view, own in group.items()}
     turns = {}
     for each in verdicts:
         if each.shows_turn:
@@ -165,14 +160,14 @@ def _find_apart(verdicts: Sequence[PairVerdict]) -> list[list[int]]:
     apart: dict[frozenset[int], None] = {}
     for a, b in turns:
         for c in [second for first, second in turns if first == b]:
-            if (c, a) not in turns or find(b) != find(c) or find(a) == find(b):
+            if (c, a) not in turns or group[b] != group[c] or group[a] == group[b]:
                 continue
             (one, ab), (inside, bc), (two, ca) = turns[a, b], turns[b, c], turns[c, a]
             (turned,) = np.degrees(measure_rotation_angles((ca @ bc @ ab)[None]))
             closed = turned < SAME_DEGREES
             if closed and inside.supports and one.contradicts and two.contradicts:
-                apart[frozenset((find(a), find(b)))] = None
-    members = {root: [v for v in group if find(v) == root] for pair in apart for root in pair}
+                apart[frozenset((group[a], group[b]))] = None
+    members = {root: [v for v in group if group[v] == root] for pair in apart for root in pair}
     return sorted((sorted(views) for views in members.values()), key=len)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 
@@ -17,6 +17,8 @@ EXPECTED_R = 0.5  # correlation; good real data reach 0.7 to 0.95
 _STOPS = 0.7  # photographic stops by which a view may be brighter or darker than the others
 COLOR_GAIN = 0.1  # of the correlation, by another order of colours, unit or axes of the points
 
+UNSEEN = -1.0  # in place of a correlation, where too few points are seen
+
 _Colors = np.ndarray  # (2, N, 3) of points, and of the pixels that show them
 
 
@@ -30,49 +32,42 @@ def check_colors(scene: Scene, *, progress: bool = True) -> Iterator[Finding]:
     if len(scene.points) < FEWEST_SAMPLES or np.ptp(scene.point_colors) == 0:
         return
     views = Progress(progress).iterate("colours", choose_evenly(range(len(scene))))
-    seen = {view: each for view in views if (each := _see_points(scene, view)) is not None}
-    per_view = {view: r for view, each in seen.items() if (r := _correlate(each)) is not None}
-    where = str(scene.path)
-    agreed = float(np.median(list(per_view.values()))) if per_view else None
-    if agreed is None or agreed < EXPECTED_R:
-        swapped = list(_check_channels(scene, seen, agreed or 0.0))
-        if swapped:
-            yield swapped[0]
-            return
-        if agreed is None:  # the cameras may look elsewhere
-            what = "too few points fall into the images to compare colours"
-            yield Finding("info", where, what)
-            return
+    seen = {view: each for view in views if (each := see_points(scene, view)) is not None}
+    agreed, where = correlate_colors(seen.values()), str(scene.path)
+    swapped = correlate_colors(np.stack([point[:, ::-1], pixel]) for point, pixel in seen.values())
+    is_swapped = swapped > max(agreed, 0.0) + COLOR_GAIN
+    if agreed >= EXPECTED_R:
+        what = f"colours of the points agree with the pixels at r = {agreed:.2f}"
+        yield Finding("info", where, what)
+        yield from _name_doubtful(scene, seen)
+        yield from _check_exposure(scene, seen)
+    if is_swapped:
+        yield Finding(
+            "warning", where,
+            f"colours of points and photographs agree at r = {swapped:.2f} with red and blue "
+            f"swapped in one of them, as they are at {agreed:.2f}",
+            "one of both was written as BGR (OpenCV's order): convert it with "
+            "cv2.cvtColor(image, cv2.COLOR_BGR2RGB)",
+        )  # fmt: skip
+    elif agreed == UNSEEN:  # the cameras may look elsewhere
+        yield Finding("info", where, "too few points fall into the images to compare colours")
+    elif agreed < EXPECTED_R:
         found = f"colours of the points agree with the pixels only at r = {agreed:.2f}; expected >"
         yield Finding(
             "warning", where, f"{found} {EXPECTED_R}",
             "poses, lens or points may use another convention: check them; a cloud in "
             "a frame of its own is placed by `gsut align CLOUD DATA -o NEW`",
         )  # fmt: skip
-        return
-    yield Finding("info", where, f"colours of the points agree with the pixels at r = {agreed:.2f}")
-    bad = [view for view, r in per_view.items() if r < EXPECTED_R / 2]
+
+
+def _name_doubtful(scene: Scene, seen: Mapping[int, _Colors]) -> Iterator[Finding]:
+    """Names views whose pixels hardly agree with the points that others agree with."""
+    found = {view: correlate_colors([each]) for view, each in seen.items()}
+    bad = [view for view, r in found.items() if UNSEEN < r < EXPECTED_R / 2]
     if bad:
-        names = list_some([f"{scene.views[view].name} ({per_view[view]:.2f})" for view in bad])
+        names = list_some([f"{scene.views[view].name} ({found[view]:.2f})" for view in bad])
         what = f"{len(bad)} views disagree with the points' colours: {names}"
-        yield Finding("warning", where, what, "their poses may be wrong")
-    yield from _check_exposure(scene, seen)
-    yield from _check_channels(scene, seen, agreed)
-
-
-def _check_channels(scene: Scene, seen: Mapping[int, _Colors], agreed: float) -> Iterator[Finding]:
-    """Checks whether the colours agree better with red and blue swapped (OpenCV's BGR)."""
-    swapped = [_correlate(np.stack([point[:, ::-1], pixel])) for point, pixel in seen.values()]
-    value = float(np.median([r for r in swapped if r is not None] or [-1.0]))
-    if value > agreed + COLOR_GAIN:
-        yield Finding(
-            "warning",
-            str(scene.path),
-            f"colours of points and photographs agree at r = {value:.2f} with red and blue swapped "
-            f"in one of them, as they are at {agreed:.2f}",
-            "one of both was written as BGR (OpenCV's order): convert it with "
-            "cv2.cvtColor(image, cv2.COLOR_BGR2RGB)",
-        )
+        yield Finding("warning", str(scene.path), what, "their poses may be wrong")
 
 
 def _check_exposure(scene: Scene, seen: Mapping[int, _Colors]) -> Iterator[Finding]:
@@ -94,23 +89,14 @@ def _check_exposure(scene: Scene, seen: Mapping[int, _Colors]) -> Iterator[Findi
         )
 
 
-def correlate_colors(scene: Scene, index: int) -> float | None:
-    """Correlates the colours of points and pixels in one view.
-
-    Returns:
-        The correlation, or None with too few points or an unreadable photograph.
-    """
-    seen = _see_points(scene, index)
-    return None if seen is None else _correlate(seen)
+def correlate_colors(seen: Iterable[_Colors]) -> float:
+    """Returns the median correlation of points and pixels; `UNSEEN` if there is none."""
+    known = [float(np.corrcoef(*each.reshape(2, -1))[0, 1]) for each in seen
+             if each.std(axis=(1, 2)).all()]  # fmt: skip
+    return float(np.median(known)) if known else UNSEEN
 
 
-def _correlate(seen: _Colors) -> float | None:
-    if seen[0].std() == 0 or seen[1].std() == 0:
-        return None
-    return float(np.corrcoef(seen[0].ravel(), seen[1].ravel())[0, 1])
-
-
-def _see_points(scene: Scene, index: int) -> _Colors | None:
+def see_points(scene: Scene, index: int) -> _Colors | None:
     """Returns colours of points and of a view's pixels (2, N, 3); None with too few of them."""
     try:
         image = scene.image(index)

@@ -18,7 +18,7 @@ from gsut.check.matches import ImagePair
 from gsut.check.memory import check_memory
 from gsut.check.photographs import check_photographs, name_far_views
 from gsut.check.points import check_points_frame
-from gsut.data import Scene, assemble, load_dataset, read_dataset
+from gsut.data import Scene, assemble, read_dataset
 from gsut.data.scene import TEST_EVERY, find_bad_depths
 
 
@@ -71,27 +71,23 @@ def diagnose(path: str | os.PathLike, *, progress: bool = True) -> list[Finding]
     Returns:
         Findings, errors first. Training can start if none has severity "error".
     """
-    return _diagnose_files(path, TEST_EVERY, progress, with_far_pose=True)
+    findings, scene = _read(path, TEST_EVERY)
+    if scene is not None:
+        findings += [*name_far_views(scene), *_diagnose_scene(scene, progress)]
+    return sort_findings(findings)
 
 
-def _diagnose_files(
-    path: str | os.PathLike, test_every: int, progress: bool, with_far_pose: bool
-) -> list[Finding]:
-    findings: list[Finding] = []
-
-    def collect_error(error: InputError) -> None:
-        findings.append(finding_from_error(error))
-
+def _read(path: str | os.PathLike, test_every: int) -> tuple[list[Finding], Scene | None]:
+    """Reads a dataset; returns the errors of its files, and a scene of what is left, if any."""
+    errors: list[InputError] = []
+    scene = None
     try:
-        listing = read_dataset(Path(path), on_error=collect_error)
-        if findings and not (listing.frames or listing.missing):  # the errors say what is absent
-            return sort_findings(findings)
-        scene = assemble(listing, test_every=test_every, on_error=collect_error)
+        listing = read_dataset(Path(path), on_error=errors.append)
+        if listing.frames or listing.missing or not errors:  # else they say what is absent
+            scene = assemble(listing, test_every=test_every, on_error=errors.append)
     except InputError as error:
-        collect_error(error)
-        return sort_findings(findings)
-    far = name_far_views(scene) if with_far_pose else []
-    return sort_findings([*findings, *far, *_diagnose_scene(scene, progress)])
+        errors.append(error)
+    return [finding_from_error(error) for error in errors], scene
 
 
 def _diagnose_scene(scene: Scene, progress: bool) -> list[Finding]:
@@ -135,13 +131,10 @@ def doctor(
     Returns:
         Findings, errors first. Training can start if none has severity "error".
     """
-    if isinstance(data, Scene):
-        findings = sort_findings(_diagnose_scene(data, progress))
-    else:
-        findings = _diagnose_files(data, test_every, progress, with_far_pose=False)
-    try:
-        scene = data if isinstance(data, Scene) else load_dataset(data, test_every=0)
-    except InputError:
-        return findings  # which say why
-    findings += check_memory(scene)
-    return sort_findings([*findings, *check_against_photographs(scene)])
+    errors, scene = ([], data) if isinstance(data, Scene) else _read(data, test_every)
+    findings = [*errors]
+    if scene is not None:
+        findings += _diagnose_scene(scene, progress)
+        if not errors:
+            findings += [*check_memory(scene), *check_against_photographs(scene)]
+    return sort_findings(findings)

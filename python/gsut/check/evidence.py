@@ -9,8 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from gsut._core import CameraMotion
-from gsut.check.findings import Finding
-from gsut.check.matches import ImagePair, match_neighbours, order_in_time
+from gsut.check.matches import NOISE, ImagePair, match_neighbours, order_in_time
 from gsut.data import Scene
 from gsut.data.poses import OPENGL_FROM_OPENCV, invert_pose
 from gsut.data.scene import find_line_times
@@ -30,7 +29,6 @@ from gsut.sfm.photographs import FEWEST_OF_MODEL
 _FEWEST_SHARED = 6  # features that three images share, from which their scales are compared
 _SAMPLE = 800  # matches, and shared features, by which hypotheses are tried: enough to choose
 _FITTING = 0.5  # share of right matches, before anything is known of it
-_NOISE = 1.5e-3  # of the diagonal: about a pixel of the small images that features are sought in
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -82,7 +80,7 @@ class Evidence:
     @functools.cached_property
     def noise(self) -> float:
         """Returns the standard deviation of errors in pixels before anything is known of it."""
-        return _NOISE * self.diagonal
+        return NOISE * self.diagonal
 
     @property
     def best_score(self) -> float:
@@ -104,10 +102,8 @@ class Evidence:
         And (2, M) the pixels that a radian covers there.
         """
         of_view = self.given.lens[self.views]
-        rays, density = (
-            np.full((*self.pixels.shape[:-1], 3), np.nan),
-            np.full(of_view.shape, np.nan),
-        )
+        rays = np.full((*of_view.shape, 3), np.nan)
+        density = np.full(of_view.shape, np.nan)
         for number in np.unique(of_view):
             rows, camera = of_view == number, cameras[number]
             found, valid = camera.unproject(self.pixels[rows])
@@ -215,12 +211,6 @@ class Evidence:
             self.pixels[:, good].reshape(-1, 2),
             distance[:, good].ravel(),
         )
-
-    def make_finding(
-        self, severity: str, what: str, advice: str = "", subject: str = ""
-    ) -> Finding:
-        """Makes a finding about the dataset whose photographs these are."""
-        return Finding(severity, str(self.scene.path), what, advice, subject)
 
     def describe(self) -> str:
         """Counts matches and pairs, in words."""

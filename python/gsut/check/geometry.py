@@ -156,12 +156,6 @@ def check_points(scene: Scene) -> Iterator[Finding]:
             "the poses may be world-to-camera or use other axes: compare with the format's"
             " description; or points and poses are of different models or scales",
         )
-    few = [scene.views[i].name for i in np.flatnonzero(per_view * count < FEWEST_SAMPLES)]
-    if few and seen.any():
-        yield inform(
-            f"{len(few)} views see fewer than {FEWEST_SAMPLES} points: {list_some(few)}",
-            "they look away from the points, or their poses are wrong",
-        )
     center = np.mean([view.camera_center for view in scene.views], axis=0)
     spread = float(np.median(np.linalg.norm(scene.points - center, axis=1))) / scene.extent
     if not _POINT_SPREAD_RANGE[0] < spread < _POINT_SPREAD_RANGE[1]:

@@ -2,39 +2,41 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from gsut._core import InputError
 from gsut.check.findings import Finding, finding_from_error
-from gsut.check.samples import SIDE
+from gsut.check.samples import shrink_to_grey
 from gsut.data import Scene, list_some
 from gsut.data.images import find_largest_value, shrink_mask
 from gsut.run import Progress
 from gsut.sampling import MAJORITY, choose_evenly
 
-_THUMB = 32  # pixels a side of a thumbnail: enough to distinguish two frames of a film
 _BLURRY = 0.3  # share of the dataset's median sharpness below which an image counts as blurred
 _SATURATED = 0.1  # share of over-exposed pixels from which detail is lost
-_OVER_EXPOSED = 254  # grey level in all channels; JPEG turns 255 into this
-_DARKEST = 2  # grey level up to which a pixel counts as black; JPEG turns 0 into this
+_ROUNDING = 2  # grey levels by which JPEG changes black and white
 _MASKED_MOST = 0.9  # share of masked pixels from which a mask may be inverted
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
-class ImageStats:
-    """Figures of one image that are cheap to compute."""
+class ImageStats(NamedTuple):
+    """Figures of one image that are cheap to compute.
 
-    index: int
-    brightness: float  # mean of the valid pixels, 0 to 255
-    sharpness: float  # standard deviation of the Laplacian over that of the image
-    saturated: float  # share of valid pixels at the top in all channels
+    Attributes:
+        brightness: mean of the valid pixels, 0 to 255.
+        sharpness: standard deviation of the Laplacian over that of the image.
+        saturated, black: shares of the valid pixels that are so in all channels.
+        valid: share of unmasked pixels.
+    """
+
+    brightness: float
+    sharpness: float
+    saturated: float
     black: float
-    valid: float  # share of unmasked pixels
-    thumb: np.ndarray  # (_THUMB, _THUMB) grey
+    valid: float
 
 
 def check_bits(scene: Scene) -> Iterator[Finding]:
@@ -68,56 +70,47 @@ def check_images(scene: Scene, *, progress: bool = True) -> Iterator[Finding]:
         progress: show a bar.
     """
     yield from check_bits(scene)
-    stats: list[ImageStats] = []
+    stats: dict[int, ImageStats] = {}
+    same: dict[int, list[int]] = {}
     for index in Progress(progress).iterate("images", range(len(scene))):
         try:
-            stats.append(_measure_image(scene, index))
+            pixels = scene.image(index)
+            stats[index] = _measure_image(pixels, scene.mask(index))
+            same.setdefault(hash(pixels.tobytes()), []).append(index)
         except InputError as error:
             yield finding_from_error(error)
-    if not stats:
-        return
-    names = [scene.views[s.index].name for s in stats]
-    yield from _find_outliers(stats, names, str(scene.path))
-    yield from _find_repeats(scene, stats)
+    if stats:
+        names = [scene.views[index].name for index in stats]
+        yield from _find_outliers(
+            ImageStats(*np.array([*stats.values()]).T), names, str(scene.path)
+        )
+        yield from _find_repeats(scene, same.values())
 
 
-def _measure_image(scene: Scene, index: int) -> ImageStats:
-    """Decodes image and mask of a view and measures them.
-
-    Raises:
-        DatasetError: the image or the mask cannot be used.
-    """
+def _measure_image(pixels: np.ndarray, mask: np.ndarray) -> ImageStats:
+    """Measures an image (H, W, 3) inside its mask (H, W)."""
     import cv2
 
-    pixels, mask = scene.image(index), scene.mask(index)
-    grey = cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY)
-    width = min(SIDE, grey.shape[1])
-    height = max(1, round(grey.shape[0] * width / grey.shape[1]))
-    small = cv2.resize(grey, (width, height), interpolation=cv2.INTER_AREA)
-    valid = shrink_mask(mask, width, height)
+    small = shrink_to_grey(pixels)
+    valid = shrink_mask(mask, *small.shape[::-1])
     inside = small[valid] if valid.any() else small.ravel()
     # Laplacian of the inside only: the edge of a mask or of a fisheye's circle is sharp in any case
     edges = cv2.Laplacian(small, cv2.CV_32F)
     core = cv2.erode(valid.astype(np.uint8), np.ones((5, 5), np.uint8)).astype(bool)
     spread = float(inside.std())
-    sharpness = float(edges[core].std() / spread) if core.any() and spread > 0 else 0.0
-    bright = cv2.inRange(pixels, (_OVER_EXPOSED,) * 3, (255,) * 3).astype(bool)
-    thumb = cv2.resize(small, (_THUMB, _THUMB), interpolation=cv2.INTER_AREA)
+    bright = cv2.inRange(pixels, (255 - _ROUNDING,) * 3, (255,) * 3).astype(bool)
     return ImageStats(
-        index,
-        float(inside.mean()),
-        sharpness,
-        float(bright[mask].mean()) if mask.any() else 0.0,
-        float((inside <= _DARKEST).mean()),
-        float(mask.mean()),
-        thumb,
+        brightness=float(inside.mean()),
+        sharpness=float(edges[core].std() / spread) if core.any() and spread > 0 else 0.0,
+        saturated=float(bright[mask].mean()) if mask.any() else 0.0,
+        black=float((inside <= _ROUNDING).mean()),
+        valid=float(mask.mean()),
     )
 
 
-def _find_outliers(stats: list[ImageStats], names: list[str], where: str) -> Iterator[Finding]:
-    """Names blurred, over-exposed, black and masked images."""
-    brightness = np.array([s.brightness for s in stats])
-    sharpness = np.array([s.sharpness for s in stats])
+def _find_outliers(stats: Any, names: list[str], where: str) -> Iterator[Finding]:
+    """Names blurred, over-exposed, black and masked images, of figures (N,) of all."""
+    sharpness, brightness = stats.sharpness, stats.brightness
     cases = (
         (
             sharpness < _BLURRY * np.median(sharpness),
@@ -125,17 +118,17 @@ def _find_outliers(stats: list[ImageStats], names: list[str], where: str) -> Ite
             "leave blurred images out",
         ),
         (
-            np.array([s.saturated for s in stats]) > _SATURATED,
+            stats.saturated > _SATURATED,
             f"more than {_SATURATED:.0%} of the pixels are over-exposed",
             "expose for the bright parts",
         ),
         (
-            np.array([s.black for s in stats]) > MAJORITY,
+            stats.black > MAJORITY,
             f"more than {MAJORITY:.0%} of the valid pixels are black",
             "mask areas that show nothing, or check the exposure",
         ),
         (
-            np.array([s.valid for s in stats]) < 1 - _MASKED_MOST,
+            stats.valid < 1 - _MASKED_MOST,
             f"more than {_MASKED_MOST:.0%} of the pixels are masked",
             "masks must be white where the image is valid: they may be inverted",
         ),
@@ -143,7 +136,7 @@ def _find_outliers(stats: list[ImageStats], names: list[str], where: str) -> Ite
     for rows, what, advice in cases:
         if rows.any():
             listed = list_some([names[i] for i in np.flatnonzero(rows)])
-            text = f"{rows.sum()} of {len(stats)} images: {what}: {listed}"
+            text = f"{rows.sum()} of {len(names)} images: {what}: {listed}"
             yield Finding("warning", where, text, advice)
     relative = sharpness / max(float(np.median(sharpness)), 1e-9)
     yield Finding(
@@ -155,12 +148,14 @@ def _find_outliers(stats: list[ImageStats], names: list[str], where: str) -> Ite
     )
 
 
-def _find_repeats(scene: Scene, stats: list[ImageStats]) -> Iterator[Finding]:
-    """Names files with the same picture, and whether training and test share one."""
-    same: dict[bytes, list[int]] = {}
-    for each in stats:
-        same.setdefault(each.thumb.tobytes(), []).append(each.index)
-    pairs = [pair for indices in same.values() for pair in itertools.combinations(indices, 2)]
+def _find_repeats(scene: Scene, groups: Iterable[list[int]]) -> Iterator[Finding]:
+    """Names files with the same picture, and whether training and test share one.
+
+    Args:
+        scene: that has them.
+        groups: views whose pictures are the same.
+    """
+    pairs = [pair for views in groups for pair in itertools.combinations(views, 2)]
     if not pairs:
         return
     split = set(scene.test_indices)

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator
 
 import numpy as np
 
 from gsut._core import InputError
 from gsut.check.findings import Finding
-from gsut.check.samples import SIDE
+from gsut.check.samples import shrink_to_grey
 from gsut.data import Scene
-from gsut.data.images import decode_mask, shrink_image, shrink_mask
+from gsut.data.images import decode_mask
 from gsut.sampling import MAJORITY, choose_evenly
 
 
@@ -19,14 +20,10 @@ def check_masks(scene: Scene) -> Iterator[Finding]:
     masked = [i for i, view in enumerate(scene.views) if view.mask_path is not None]
     shares, details = [], []
     for index in choose_evenly(masked):
-        path = scene.views[index].mask_path
-        assert path is not None
-        try:
-            kept = decode_mask(path)
-            details.append(_compare_detail(scene.image(index), kept))
-        except InputError:  # reported by other checks
-            continue
-        shares.append(1 - float(kept.mean()))
+        with contextlib.suppress(InputError):  # reported by other checks
+            share, detail = _measure_mask(scene, index)
+            shares.append(share)
+            details.append(detail)
     if not shares:
         return
     share, where = float(np.mean(shares)), str(scene.path)
@@ -46,15 +43,16 @@ def check_masks(scene: Scene) -> Iterator[Finding]:
         yield Finding("info", where, said)
 
 
-def _compare_detail(pixels: np.ndarray, kept: np.ndarray) -> float:
-    """Returns how much more detail a mask leaves out than it keeps, as a ratio."""
+def _measure_mask(scene: Scene, index: int) -> tuple[float, float]:
+    """Returns the share that a mask leaves out, and the detail there over that of the rest."""
     import cv2
 
-    width = min(SIDE, pixels.shape[1])
-    size = width, max(1, round(pixels.shape[0] * width / pixels.shape[1]))
-    grey = cv2.cvtColor(shrink_image(pixels, *size), cv2.COLOR_RGB2GRAY)
-    edges = np.abs(cv2.Laplacian(grey, cv2.CV_32F))
-    inside = shrink_mask(kept, *size) if kept.shape >= grey.shape else kept
-    if inside.shape != grey.shape or not inside.any() or inside.all():
-        return 0.0
-    return float(edges[~inside].mean() / max(float(edges[inside].mean()), 1e-6))
+    path = scene.views[index].mask_path
+    assert path is not None
+    kept, grey = decode_mask(path), shrink_to_grey(scene.image(index))
+    small = cv2.resize(kept.view(np.uint8), grey.shape[::-1], interpolation=cv2.INTER_AREA)
+    edges, inside = np.abs(cv2.Laplacian(grey, cv2.CV_32F)), small > 0
+    share = 1 - float(kept.mean())
+    if not inside.any() or inside.all():
+        return share, 0.0
+    return share, float(edges[~inside].mean() / max(float(edges[inside].mean()), 1e-6))

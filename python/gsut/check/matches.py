@@ -12,6 +12,7 @@ from gsut._core import InputError
 from gsut.data import Scene
 from gsut.data.images import decode_mask
 from gsut.data.scene import order_frames, split_last_number
+from gsut.judge import SURE
 from gsut.sfm import PosesOptions
 from gsut.sfm.matches import ENOUGH_MATCHES, MAX_DISTANCE, PREVIEW_FEATURES
 from gsut.sfm.photographs import Features, detect_features
@@ -22,7 +23,8 @@ _OPTIONS = PosesOptions(max_features=PREVIEW_FEATURES, max_megapixels=0.14, thre
 _MAX_RATIO = 0.75  # of descriptors' distances: few wrong matches rather than many right ones
 _JUMPS = 6  # places of a path that are examined where its steps change most: three a far pose
 _FEWEST = 16  # matches of a pair: fewer may be chance; small pictures give few more
-_STILL = 0.004  # of the image's diagonal: what moves less, in a pair that moves, is on the lens
+# Of the diagonal: about a pixel of the small images that features are sought in.
+NOISE = 1.5e-3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -49,29 +51,23 @@ def match_neighbours(scene: Scene) -> list[ImagePair]:
         Pairs with enough matches; empty where images show too little, or not the same.
     """
     wanted = choose_pairs(scene)
-    used = sorted({index for pair in wanted for index in pair})
+    used, rows = np.unique(np.array(wanted, np.int64).reshape(-1, 2), return_inverse=True)
     with concurrent.futures.ThreadPoolExecutor(_core.num_threads()) as threads:
-        features = dict(
-            zip(
-                used,
-                threads.map(lambda i: _find_features(scene, i), used),
-                strict=True,
-            )
-        )
-    place = {index: number for number, index in enumerate(used)}
-    rows = np.array([[place[a], place[b]] for a, b in wanted], np.int64).reshape(-1, 2)
-    descriptors = [features[index].descriptors for index in used]
+        features = list(threads.map(lambda index: _find_features(scene, index), used.tolist()))
+    rows = rows.reshape(-1, 2)
+    descriptors = [each.descriptors for each in features]
     matched = _core.match_pairs(descriptors, rows, _MAX_RATIO, MAX_DISTANCE)
     pairs = []
-    for (a, b), matches in zip(wanted, matched, strict=True):
+    for (first, second), (a, b), matches in zip(wanted, rows, matched, strict=True):
         pixels = np.stack([features[a].pixels[matches[:, 0]], features[b].pixels[matches[:, 1]]])
-        camera = scene.cameras[scene.views[a].camera_index]
+        camera = scene.camera(first)
         moved = np.linalg.norm(pixels[1] - pixels[0], axis=1)
-        still = moved < _STILL * np.hypot(camera.width, camera.height)
-        if np.count_nonzero(~still) >= _FEWEST:
-            pixels = pixels[:, ~still]
+        # What moves no more than matches err, in a pair that moves, is on the lens.
+        moves = moved > SURE * NOISE * np.hypot(camera.width, camera.height)
+        if np.count_nonzero(moves) >= _FEWEST:
+            pixels = pixels[:, moves]
         if pixels.shape[1] >= _FEWEST:
-            pairs.append(ImagePair(a, b, pixels[:, :ENOUGH_MATCHES]))
+            pairs.append(ImagePair(first, second, pixels[:, :ENOUGH_MATCHES]))
     return pairs
 
 
@@ -82,11 +78,11 @@ def order_in_time(scene: Scene) -> list[list[int]]:
         before, number, rest = split_last_number(view.name)
         before = before if number else rest
         groups.setdefault((before, view.camera_index), []).append(index)
-    ordered = []
-    for group in groups.values():
-        times = order_frames([scene.views[index].name.rpartition("/")[2] for index in group])
-        ordered.append([group[place] for place in np.argsort(times, kind="stable")])
-    return ordered
+    names = {key: [scene.views[index].name for index in group] for key, group in groups.items()}
+    return [
+        [group[place] for place in np.argsort(order_frames(names[key]), kind="stable")]
+        for key, group in groups.items()
+    ]
 
 
 def choose_pairs(scene: Scene) -> list[tuple[int, int]]:

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from gsut.check.findings import Finding
 from gsut.data import DatasetError, Scene
+from gsut.gaussians import count_bytes_per_gaussian
 from gsut.optimize import DENSIFY_FROM, compute_target_size, find_last_densification
 from gsut.run import PROGRAM_BYTES, TrainOptions, format_size, free_memory
 
@@ -26,7 +27,8 @@ def check_memory(scene: Scene, options: TrainOptions | None = None) -> Iterator[
     o = options or TrainOptions()
     width, height = _find_largest(scene, o)
     count = _count_gaussians(scene, o)
-    size = width * height * _PIXEL_BYTES + count * _count_bytes(o.sh_degree) + PROGRAM_BYTES
+    row = count_bytes_per_gaussian(o.sh_degree) * _ROWS + _RECORD_BYTES
+    size = width * height * _PIXEL_BYTES + count * row + PROGRAM_BYTES
     what = (
         f"training takes about {format_size(size)} of memory (images of up to {width} x {height}, "
         f"{count:,} Gaussians of degree {o.sh_degree})"
@@ -46,10 +48,6 @@ def refuse_too_large(scene: Scene, options: TrainOptions) -> None:
     for found in check_memory(scene, options):
         if found.severity == "error":
             raise DatasetError(found.where, found.what, found.advice)
-
-
-def _count_bytes(sh_degree: int) -> int:
-    return 4 * (11 + 3 * (sh_degree + 1) ** 2) * _ROWS + _RECORD_BYTES
 
 
 def _find_largest(scene: Scene, options: TrainOptions) -> tuple[int, int]:

@@ -11,12 +11,10 @@ from gsut.check.agreement import Agreement, find_agreement, find_far_views
 from gsut.check.evidence import Evidence
 from gsut.check.findings import Finding
 from gsut.data import Scene, list_some
-from gsut.judge import HYPOTHESES, Hypothesis, Variant, find_best_variants, prefer
+from gsut.judge import HYPOTHESES, KEPT, Hypothesis, Variant, find_best_variants, prefer
 from gsut.judge.checks import FEW_AGREE
 
-_ALIKE = 0.9  # of the best hypothesis's gain: a hypothesis that gains this share explains the same
 _LEAST_GAIN = 0.05  # nats a match that a hypothesis must gain: less are errors that images share
-_SAME = 1e-3  # nats a match: groups of images that differ by less are not touched
 _PLAIN = 1.2  # nats a match: half of the matches that did not fit do so, a match that fits has five
 _ADVICE = (
     "check names, order and time stamps, that these are the photographs of this path, and the "
@@ -96,7 +94,7 @@ def find_explanation(evidence: Evidence) -> Explanation | None:
     if not any(each.is_sure for each in found):
         return None
     most = max(each.gain for each in found)
-    alike = [each for each in found if each.gain >= _ALIKE * most]
+    alike = [each for each in found if each.gain >= KEPT * most]  # explain the same
     return min(alike, key=lambda each: HYPOTHESES.index(each.hypothesis))
 
 
@@ -111,7 +109,7 @@ def _compare_scores(
         row: the hypothesis.
     """
     gains = rival - current
-    touched = np.abs(gains) > _SAME
+    touched = ~np.isclose(rival, current)
     if not touched.any():
         return False, False
     gain, score = float(gains[touched].mean()), float(rival[touched].mean())
@@ -125,15 +123,14 @@ def _name_explanation(evidence: Evidence, share: float, found: Explanation) -> F
     row, variant = found.hypothesis, found.variant
     sentence, cure = row.sentence.format(variant.words), row.cure.format(variant.edit)
     fits = evidence.find_share(variant.data)
+    severity, what = "warning", f"the photographs fit better {sentence}"
     if share < FEW_AGREE or found.is_large:
+        severity = "error"
         what = (
             f"the photographs contradict the {row.subject} ({evidence.describe()}: {share:.0%} "
             f"fit); {fits:.0%} fit {sentence}"
         )
-        return evidence.make_finding("error", what, cure, row.subject)
-    return evidence.make_finding(
-        "warning", f"the photographs fit better {sentence}", cure, row.subject
-    )
+    return Finding(severity, str(evidence.scene.path), what, cure, row.subject)
 
 
 def name_far_views(scene: Scene, supported: Collection[int] = ()) -> list[Finding]:
@@ -160,34 +157,28 @@ def _describe_agreement(
     evidence: Evidence, share: float, agreement: Agreement | None
 ) -> list[Finding]:
     """Says whether photographs and poses agree, where no hypothesis explains more."""
-    fits = f"{evidence.describe()}, {share:.0%} fit"
-    if agreement is not None:
-        names = [view.name for view in evidence.scene.views]
-        count = len(agreement.contradicts)
-        if agreement.is_contradiction:
-            worst = sorted({v for pair in agreement.contradicts for v in pair.views})
-            what = (
-                f"poses and photographs do not agree: {count} of {len(evidence.pairs)} pairs of "
-                f"neighbouring images contradict their poses ({fits}): "
-                f"{list_some([names[v] for v in worst])}"
-            )
-            return [evidence.make_finding("error", what, _ADVICE, "poses")]
-        if agreement.apart:
-            views, severity = agreement.apart[0], "warning"
-            what = "contradict all neighbouring images that they were compared with, which agree"
-            if len(views) > 1:
-                severity = "error"
-                what = "agree with each other, and with no others: their poses are in another world"
-                what += " frame or scale"
-            what = (
-                f"poses and photographs do not agree: {list_some([names[v] for v in views])} {what}"
-            )
-            return [evidence.make_finding(severity, what, _ADVICE, "poses")]
-        if not agreement.supports and share < FEW_AGREE:
-            what = (
-                "poses and photographs do not agree, and other poses through this lens hardly fit "
-                f"them better ({fits})"
-            )
-            severity = "info" if count else "warning"
-            return [evidence.make_finding(severity, what, _ADVICE)]
-    return [evidence.make_finding("info", f"the photographs agree with poses and lens ({fits})")]
+    fits, where = f"{evidence.describe()}, {share:.0%} fit", str(evidence.scene.path)
+    if agreement is None:
+        return [Finding("info", where, f"the photographs agree with poses and lens ({fits})")]
+    names = [view.name for view in evidence.scene.views]
+    disagree, count = "poses and photographs do not agree", len(agreement.contradicts)
+    if agreement.is_contradiction:
+        worst = sorted({v for pair in agreement.contradicts for v in pair.views})
+        what = (
+            f"{disagree}: {count} of {len(evidence.pairs)} pairs of neighbouring images contradict "
+            f"their poses ({fits}): {list_some([names[v] for v in worst])}"
+        )
+        return [Finding("error", where, what, _ADVICE, "poses")]
+    if agreement.apart:
+        views, severity = agreement.apart[0], "warning"
+        what = "contradict all neighbouring images that they were compared with, which agree"
+        if len(views) > 1:
+            severity = "error"
+            what = "agree with each other, and with no others: their poses are in another world "
+            what += "frame or scale"
+        what = f"{disagree}: {list_some([names[v] for v in views])} {what}"
+        return [Finding(severity, where, what, _ADVICE, "poses")]
+    if not agreement.supports and share < FEW_AGREE:
+        what = f"{disagree}, and other poses through this lens hardly fit them better ({fits})"
+        return [Finding("info" if count else "warning", where, what, _ADVICE)]
+    return [Finding("info", where, f"the photographs agree with poses and lens ({fits})")]

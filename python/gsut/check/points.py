@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
-from gsut.check.colors import COLOR_GAIN, EXPECTED_R, correlate_colors
+from gsut.check.colors import COLOR_GAIN, EXPECTED_R, correlate_colors, see_points
 from gsut.check.evidence import Evidence
 from gsut.check.findings import Finding
 from gsut.data import Scene
@@ -42,15 +41,17 @@ def check_points_frame(scene: Scene, evidence: Evidence | None) -> list[Finding]
     if ratio is not None and 1 / _OTHER_SCALE < ratio < _OTHER_SCALE:
         ratio = None
     if has_colors(scene):
-        colors = _PointColors(scene)
-        if colors.given >= EXPECTED_R:
+        given = _correlate(scene, np.eye(3))
+        if given >= EXPECTED_R:
             return []
-        scales = [*_UNITS]
-        if ratio is not None:
-            scales += [10.0 ** round(math.log10(ratio)), *(ratio * _NEAR_SCALES)]
-        for found in (_try_scales(colors, scales), _try_axes(colors)):
-            if found is not None:
-                return [Finding("error", str(scene.path), *found)]
+        for changes in (_list_scales(ratio), _list_axes()):
+            r = [_correlate(scene, matrix) for matrix, _, _ in changes]
+            best = int(np.argmax(r))
+            if r[best] >= max(EXPECTED_R, given + COLOR_GAIN):
+                _, words, cure = changes[best]
+                what = f"the points' colours agree with the photographs at r = {r[best]:.2f} if "
+                what += f"{words}, as they are at {given:.2f}"
+                return [Finding("error", str(scene.path), what, cure)]
     if ratio is None:
         return []
     what = f"the points spread {ratio:.3g} times as far as the things that the photographs show"
@@ -77,49 +78,39 @@ def _spread(points: np.ndarray) -> float:
     return float(np.median(np.linalg.norm(points - np.median(points, axis=0), axis=1)))
 
 
-class _PointColors:
-    """Compares the colours of some points with some photographs, as given or moved."""
-
-    def __init__(self, scene: Scene) -> None:
-        step = -(-len(scene.points) // ENOUGH_SAMPLES)
-        self._points, self._colors = scene.points[::step], scene.point_colors[::step]
-        self._scene = scene
-        self._views = choose_evenly(range(len(scene)))
-        self.given = self.correlate(np.eye(3))
-
-    def correlate(self, change: np.ndarray) -> float:
-        """Returns the median correlation of the points times a (3, 3) matrix; -1 if unseen."""
-        moved = self._scene.replace(points=self._points @ change.T, point_colors=self._colors)
-        found = [correlate_colors(moved, index) for index in self._views]
-        known = [value for value in found if value is not None]
-        return float(np.median(known)) if known else -1.0
-
-
-def _try_scales(colors: _PointColors, scales: Sequence[float]) -> tuple[str, str] | None:
-    """Tries other scales of the points; returns what is found of the best, and what to do."""
-    value, scale = max((colors.correlate(np.eye(3) / each), each) for each in scales)
-    if value < max(EXPECTED_R, colors.given + COLOR_GAIN):
-        return None
-    what = (
-        f"the points' colours agree with the photographs at r = {value:.2f} if they are multiplied "
-        f"by {1 / scale:.3g}, as they are at {colors.given:.2f}"
+def _correlate(scene: Scene, change: np.ndarray) -> float:
+    """Returns how some points' colours agree with some photographs, if they are changed."""
+    some = slice(None, None, -(-len(scene.points) // ENOUGH_SAMPLES))
+    moved = scene.replace(
+        points=scene.points[some] @ change.T, point_colors=scene.point_colors[some]
     )
-    if scale in _UNITS:
-        what += ": points are in {}, poses in {}?".format(*_UNITS[scale])
-    return what, _describe_cure(scale)
+    seen = (see_points(moved, view) for view in choose_evenly(range(len(scene))))
+    return correlate_colors(each for each in seen if each is not None)
 
 
-def _try_axes(colors: _PointColors) -> tuple[str, str] | None:
-    """Tries permuted and mirrored axes of the points; returns the same of the best."""
-    axes = [each for each in list_signed_permutations() if not np.array_equal(each, np.eye(3))]
-    value, text = max((colors.correlate(each), _name_axes(each)) for each in axes)
-    if value < max(EXPECTED_R, colors.given + COLOR_GAIN):
-        return None
-    return (
-        f"the points' colours agree with the photographs at r = {value:.2f} if their x, y, z are "
-        f"read as {text}, as they are at {colors.given:.2f}",
-        f"write the points' coordinates as {text}: they are in other axes than the poses",
-    )
+def _list_scales(ratio: float | None) -> list[tuple[np.ndarray, str, str]]:
+    """Lists other units and, near a ratio of spreads, scales: matrices, in words, and cures."""
+    scales = [*_UNITS]
+    if ratio is not None:
+        scales += [10.0 ** round(math.log10(ratio)), *(ratio * _NEAR_SCALES)]
+    found = []
+    for scale in scales:
+        cure = _describe_cure(scale)
+        if scale in _UNITS:
+            cure += "; points are in {}, poses in {}?".format(*_UNITS[scale])
+        found.append((np.eye(3) / scale, f"they are multiplied by {1 / scale:.3g}", cure))
+    return found
+
+
+def _list_axes() -> list[tuple[np.ndarray, str, str]]:
+    """Lists permuted and mirrored axes of the points: matrices, in words, and cures."""
+    found = []
+    for axes in list_signed_permutations():
+        if not np.array_equal(axes, np.eye(3)):
+            name = _name_axes(axes)
+            cure = f"write the points' coordinates as {name}: they are in other axes than the poses"
+            found.append((axes, f"their x, y, z are read as {name}", cure))
+    return found
 
 
 def _name_axes(axes: np.ndarray) -> str:
