@@ -17,8 +17,6 @@ EXPECTED_R = 0.5  # correlation; good real data reach 0.7 to 0.95
 _STOPS = 0.7  # photographic stops by which a view may be brighter or darker than the others
 COLOR_GAIN = 0.1  # of the correlation, by another order of colours, unit or axes of the points
 
-UNSEEN = -1.0  # in place of a correlation, where too few points are seen
-
 _Colors = np.ndarray  # (2, N, 3) of points, and of the pixels that show them
 
 
@@ -49,7 +47,7 @@ def check_colors(scene: Scene, *, progress: bool = True) -> Iterator[Finding]:
             "one of both was written as BGR (OpenCV's order): convert it with "
             "cv2.cvtColor(image, cv2.COLOR_BGR2RGB)",
         )  # fmt: skip
-    elif agreed == UNSEEN:  # the cameras may look elsewhere
+    elif agreed == -1:  # the cameras may look elsewhere
         yield Finding("info", where, "too few points fall into the images to compare colours")
     elif agreed < EXPECTED_R:
         found = f"colours of the points agree with the pixels only at r = {agreed:.2f}; expected >"
@@ -63,7 +61,7 @@ def check_colors(scene: Scene, *, progress: bool = True) -> Iterator[Finding]:
 def _name_doubtful(scene: Scene, seen: Mapping[int, _Colors]) -> Iterator[Finding]:
     """Names views whose pixels hardly agree with the points that others agree with."""
     found = {view: correlate_colors([each]) for view, each in seen.items()}
-    bad = [view for view, r in found.items() if UNSEEN < r < EXPECTED_R / 2]
+    bad = [view for view, r in found.items() if -1 < r < EXPECTED_R / 2]
     if bad:
         names = list_some([f"{scene.views[view].name} ({found[view]:.2f})" for view in bad])
         what = f"{len(bad)} views disagree with the points' colours: {names}"
@@ -90,10 +88,10 @@ def _check_exposure(scene: Scene, seen: Mapping[int, _Colors]) -> Iterator[Findi
 
 
 def correlate_colors(seen: Iterable[_Colors]) -> float:
-    """Returns the median correlation of points and pixels; `UNSEEN` if there is none."""
+    """Returns the median correlation of points and pixels; -1 if there is none."""
     known = [float(np.corrcoef(*each.reshape(2, -1))[0, 1]) for each in seen
              if each.std(axis=(1, 2)).all()]  # fmt: skip
-    return float(np.median(known)) if known else UNSEEN
+    return float(np.median(known)) if known else -1.0
 
 
 def see_points(scene: Scene, index: int) -> _Colors | None:

@@ -13,7 +13,6 @@ from gsut.run import PROGRAM_BYTES, TrainOptions, format_size, free_memory
 _FIRST = 10_000  # Gaussians with which a scene without points begins, at least
 # Lower bounds: a training that exceeds them cannot run.
 _ROWS = 4  # arrays of a Gaussian's size: parameters, gradient and two moments
-_RECORD_BYTES = 200  # of a Gaussian's records in a frame
 _PIXEL_BYTES = 100  # of a pixel's ray, target, image, gradient and loss
 
 
@@ -27,7 +26,7 @@ def check_memory(scene: Scene, options: TrainOptions | None = None) -> Iterator[
     o = options or TrainOptions()
     width, height = _find_largest(scene, o)
     count = _count_gaussians(scene, o)
-    row = count_bytes_per_gaussian(o.sh_degree) * _ROWS + _RECORD_BYTES
+    row = count_bytes_per_gaussian(o.sh_degree) * _ROWS
     size = width * height * _PIXEL_BYTES + count * row + PROGRAM_BYTES
     what = (
         f"training takes about {format_size(size)} of memory (images of up to {width} x {height}, "

@@ -10,6 +10,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from gsut.judge.checks import MOVING
+
 # Longer side in pixels at which pictures are compared: that of a picture on a page.
 _SIDE = 800
 # Standard deviation in pixels of the window in which contrast is measured, as in SSIM.
@@ -19,10 +21,6 @@ _CONTRAST = 0.03
 # Standard deviation, of the longer side, of the window whose mean is taken away: a blur counts by
 # its share of the picture, so that it is seen in a small one, too.
 _COARSE = 0.01
-# The same in pixels, at least.
-_COARSE_PX = 1.0
-# Sum of weights that divides nothing by zero.
-_FEW_WEIGHTS = 1e-6
 # Contrast-structure term above which a detail is right: half of a perfect one.
 _RIGHT = 0.5
 # Share of the photograph's contrast, a darker picture apart, below which a detail is veiled:
@@ -30,16 +28,9 @@ _RIGHT = 0.5
 _VEILED = 0.55
 # Standard deviation, of `_COARSE`, of the window in which that is measured: a blur leaves it.
 _WIDE = 4.0
-# Standard deviation in pixels of what is taken away before pictures are registered: their level.
-_LEVEL = 5.0
-_PLAIN = 1e-5  # variance of brightness that is rounding
-# Side in pixels below which pictures are not registered.
-_SMALLEST = 16
 _CELLS = 20  # along a picture's longer side, in which detail is counted to find a wrong patch
 _FEW_DETAILS = 0.1  # share of such pixels that must have contrast
 _FAR_BELOW = 0.35  # by which a wrong cell shows less of its detail than the whole picture
-# Share of the picture from which a patch is found: somebody far away, and no single cell.
-_SMALLEST_PATCH = 0.02
 
 
 def measure_detail(photograph: np.ndarray, image: np.ndarray, mask: np.ndarray) -> float:
@@ -80,18 +71,11 @@ def measure_details(
     plain = detail.measure(shown)
     where = detail.find_wrong_patch(shown)
     patch = where, detail.measure(shown, ~where)
-    if min(mask.shape) < _SMALLEST:
+    if min(mask.shape) == 1:  # no window falls to nothing along a single line
         return plain, plain, *patch
-    weight = mask.astype(np.float32)
-
-    def flatten(grey: np.ndarray) -> np.ndarray:
-        inside = grey * weight
-        return inside - _average(inside, _LEVEL)
-
-    size = mask.shape[1], mask.shape[0]
-    window = cv2.createHanningWindow(size, cv2.CV_32F)
-    (right, down), _ = cv2.phaseCorrelate(flatten(shown), flatten(truth), window)
+    right, down = detail.find_shift(shown)
     move = np.array([[1, 0, right], [0, 1, down]], np.float32)
+    size = mask.shape[1], mask.shape[0]
     shifted = cv2.warpAffine(shown, move, size, borderMode=cv2.BORDER_REPLICATE)
     return plain, max(plain, detail.measure(shifted)), *patch
 
@@ -121,8 +105,7 @@ class _Detail:
         factor = min(1.0, _SIDE / max(mask.shape))
         self._size = tuple(max(1, round(side * factor)) for side in mask.shape[::-1])
         self._weight = self._resize(mask.astype(np.float32))
-        self._coarse = max(_COARSE_PX, _COARSE * max(self._size))
-        self._weights_nearby = _average(self._weight, self._coarse)
+        self._coarse = max(1.0, _COARSE * max(self._size))  # a pixel at least
         self._truth = self._flatten(truth)
         self._bright = self._resize(truth)
         self._mean, self._variance = _measure_contrast(self._truth)
@@ -149,6 +132,19 @@ class _Detail:
         chosen = self.chosen & where
         return float(self.find_right(shown)[chosen].mean()) if chosen.any() else 0.0
 
+    def find_shift(self, shown: np.ndarray) -> tuple[float, float]:
+        """Finds the shift in pixels, right and down, of a render's brightness (H, W)."""
+        import cv2
+
+        window = cv2.createHanningWindow(self._size, cv2.CV_32F)
+        truth = self._truth.copy()  # what is compared is multiplied by the window in its place
+        shift, _ = cv2.phaseCorrelate(self._flatten(shown), truth, window)
+        right, down = (
+            each * side / small
+            for each, side, small in zip(shift, shown.shape[::-1], self._size, strict=True)
+        )
+        return right, down
+
     def find_wrong_patch(self, shown: np.ndarray) -> np.ndarray:
         """Finds (h, w) of the largest wrong patch of a render's brightness (H, W)."""
         import cv2
@@ -171,7 +167,7 @@ class _Detail:
             is_wrong.astype(np.uint8), connectivity=4
         )
         counts = areas[1:, cv2.CC_STAT_AREA]
-        if counts.max(initial=0) < _SMALLEST_PATCH * is_wrong.size:
+        if counts.max(initial=0) < MOVING * is_wrong.size:  # no single cell
             return np.zeros_like(chosen)
         wrong = np.kron(labels == 1 + np.argmax(counts), np.ones((side, side), bool))
         return wrong[: chosen.shape[0], : chosen.shape[1]]
@@ -182,29 +178,26 @@ class _Detail:
         Wider surroundings than those of the structure: a blur keeps the contrast of these.
         """
         inside = self._weight > 0
-        brightness = np.median(shown[inside]) / max(float(np.median(self._bright[inside])), 1 / 255)
+        level = 1 / 255  # of grey
+        brightness = np.median(shown[inside]) / max(float(np.median(self._bright[inside])), level)
         brightness = min(1.0, float(brightness))
+        width = _WIDE * self._coarse
         covariance, variance = (
-            self._average_wide(self._bright * other)
-            - self._average_wide(self._bright) * self._average_wide(other)
+            self._average_inside(self._bright * other, width)
+            - self._average_inside(self._bright, width) * self._average_inside(other, width)
             for other in (shown, self._bright)
         )
-        return covariance + _PLAIN > _VEILED * brightness * variance
+        return covariance + level**2 > _VEILED * brightness * variance
 
-    def _average_wide(self, picture: np.ndarray) -> np.ndarray:
-        """Averages wide surroundings inside the mask."""
-        return _average(picture * self._weight, _WIDE * self._coarse) / np.maximum(
-            _average(self._weight, _WIDE * self._coarse), _FEW_WEIGHTS
-        )
+    def _average_inside(self, picture: np.ndarray, deviation: float) -> np.ndarray:
+        """Averages the surroundings (h, w) inside the mask."""
+        weights = np.maximum(_average(self._weight, deviation), np.finfo(np.float32).eps)
+        return _average(picture * self._weight, deviation) / weights
 
     def _flatten(self, picture: np.ndarray) -> np.ndarray:
         """Takes the mean of the surroundings inside the mask away."""
-        return (self._resize(picture) - self._average_nearby(picture)) * self._weight
-
-    def _average_nearby(self, picture: np.ndarray) -> np.ndarray:
-        """Averages the surroundings inside the mask."""
-        inside = self._resize(picture) * self._weight
-        return _average(inside, self._coarse) / np.maximum(self._weights_nearby, _FEW_WEIGHTS)
+        small = self._resize(picture)
+        return (small - self._average_inside(small, self._coarse)) * self._weight
 
     def _resize(self, picture: np.ndarray) -> np.ndarray:
         import cv2

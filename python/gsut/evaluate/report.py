@@ -33,7 +33,6 @@ _MOST_VIEWS = 12  # with pictures, to keep the page small; the table lists all
 _MOST_PIXELS_WIDE = 900  # of an embedded picture: sharp at the width of the page
 _ERROR_FULL = 0.1  # mean absolute difference of the colours, of [0, 1], at the heat map's end
 _DEPTH_PERCENTILES = (1.0, 99.0)  # of all distances shown: the ends of the colour scale
-_LEGEND_STOPS = 12  # colours of a legend's gradient
 
 
 def _plot_curves(history: list[dict[str, Any]], options: TrainOptions) -> list[str]:
@@ -244,7 +243,7 @@ def _place_on_log_scale(distance: np.ndarray, near: float, far: float) -> np.nda
 
 def _build_gradient(colormap: int, reverse: bool = False) -> str:
     """Builds a CSS gradient of the colour map, from left to right."""
-    colours = paint_values(np.linspace(0, 1, _LEGEND_STOPS)[None], colormap)[0]
+    colours = paint_values(np.arange(256)[None] / 255, colormap)[0]
     stops = ", ".join(f"rgb({r},{g},{b})" for r, g, b in (colours[::-1] if reverse else colours))
     return f"linear-gradient(90deg, {stops})"
 

@@ -13,8 +13,7 @@ from gsut.run import TrainOptions
 _FAINT = "#a9c9e8"  # of the noisy curve behind the smooth one
 _CHANNELS = ("#c0392b", "#27865a", "#2c6fb5")  # of lines for red, green and blue
 _MOST_POINTS = 400  # of a curve, about one a pixel; more are averaged
-_SMOOTH_POINTS = 60  # of a smoothed curve
-_MOST_DOTS = 40  # on a curve; more would hide it
+_SMOOTH_POINTS = 60  # of a smooth curve; those of a curve with no more are marked
 _BAR_ROOM_DB = 8.0  # below the lowest bar: bars from 0 would hide small differences
 
 
@@ -44,7 +43,7 @@ def plot_curve(history: list[dict[str, Any]], key: str, title: str, options: Tra
         if key == "num_gaussians":
             up = 0.0, up[1]
         chart = Chart(title, "steps", across, up, y_text=_format_count)
-        chart.draw_line(x, y, dots=len(x) <= _MOST_DOTS)
+        chart.draw_line(x, y, dots=len(x) <= _SMOOTH_POINTS)
     if key == "psnr" and len(x):
         chart.label_point(x[-1], y[-1], f"{y[-1]:.2f}")
     if len(history) > 1:
@@ -86,7 +85,7 @@ def plot_light(light: dict[str, Any]) -> list[str]:
             (0.0, 1.1),
         )  # fmt: skip
         for falloff in falloffs:
-            angles = np.linspace(0.0, falloff.max_angle, 60)
+            angles = np.linspace(0.0, falloff.max_angle, _SMOOTH_POINTS)
             for values, color in zip(falloff.evaluate(angles).T, _CHANNELS, strict=True):
                 chart.draw_line(np.degrees(angles), values, color, 1.4)
         plots.append(chart.embed())

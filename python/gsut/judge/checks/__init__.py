@@ -16,4 +16,4 @@ from gsut.judge.checks.poses import (
     PosesQuality,
     judge_poses,
 )
-from gsut.judge.checks.training import judge_training
+from gsut.judge.checks.training import MOVING, judge_training

@@ -10,9 +10,8 @@ from gsut.judge.checks.check import Check, judge
 from gsut.run import Verdict
 
 # Share of bad pictures, or of a picture's matches that poses reject, above which the others no
-# longer make up for them.
+# longer make up for them; where no more than these are good, a result is poor.
 MANY = 0.25
-_MOST = 0.75  # the same above which a result is poor
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,12 +32,12 @@ class PictureQuality:
 
 PICTURE_CHECKS: tuple[Check[PictureQuality], ...] = (
     Check(
-        "exposure", lambda q: (q.dark + q.bright) / max(1, q.images), MANY, _MOST,
+        "exposure", lambda q: (q.dark + q.bright) / max(1, q.images), MANY, 1 - MANY,
         lambda q: f"{q.dark} of {q.images} images are too dark, {q.bright} too bright",
         "film with more light and a fixed exposure",
     ),
     Check(
-        "features", lambda q: q.featureless / max(1, q.images), MANY, _MOST,
+        "features", lambda q: q.featureless / max(1, q.images), MANY, 1 - MANY,
         lambda q: f"{q.featureless} of {q.images} images have few features: blurred, dark or "
         "without texture",
         "keep something with texture in view, in focus and well lit, and hold the camera still",

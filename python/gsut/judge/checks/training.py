@@ -29,8 +29,8 @@ _LOOKS = (
 SHIFT_GAIN = 0.03
 # Shares of the pixels that detail leaves out -> what these show.
 _LEFT_OUT = {"unseen": "no training view saw", "moving": "moved"}
-# Share of the training pixels from which what moved is named.
-_MOVING = 0.02
+# Share of the pictures, as somebody far away takes, from which what moved is named.
+MOVING = 0.02
 # The same from which it is named as a possible cause.
 _MAY_MOVE = 0.001
 # Gain by corrected colours, in dB, from which differing exposure deserves a note.
@@ -63,7 +63,7 @@ class TrainingQuality:
 
     def has_moved(self) -> bool:
         """Returns whether what moved spoils the scene: most of what moves slowly is not found."""
-        return self.moving >= _MOVING or (self.moving >= _MAY_MOVE and self.patch > 0)
+        return self.moving >= MOVING or (self.moving >= _MAY_MOVE and self.patch > 0)
 
     def is_lost_between(self) -> bool:
         """Returns whether held-out views lose more than training views have lost."""
@@ -191,7 +191,7 @@ def _measure_color_gain(metrics: Mapping[str, Any]) -> float:
 # What is said beside the cause, and lowers nothing: the limits are where it is said.
 NOTES: tuple[Check[Mapping[str, Any]], ...] = (
     Check(
-        "movers", lambda m: m.get("moving_train", 0.0), _MOVING, 1.0,
+        "movers", lambda m: m.get("moving_train", 0.0), MOVING, 1.0,
         lambda m: f"{100 * m['moving_train']:.1f} % of the training pixels show what moved past, "
         "or what no other photograph shows, and were left out",
         "",
