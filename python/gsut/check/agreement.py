@@ -94,13 +94,14 @@ class Agreement:
 
 def find_agreement(evidence: Evidence) -> Agreement:
     """Judges each pair by what free and given relative poses explain beyond chance."""
-    given = [
-        np.bincount(each.pair[each.measure_errors(each.given)[: len(each)] < each.tolerance],
-                    minlength=len(evidence.pairs))
-        for each in (evidence, *map(evidence.shuffle, range(_SHUFFLES)))
-    ]  # fmt: skip
+    orders = [np.arange(len(evidence)), *map(evidence.shuffle, range(_SHUFFLES))]
+    given = []
+    for each in map(evidence.match_with, orders):
+        fits = each.measure_errors(each.given)[: len(each)] < each.tolerance
+        given.append(np.bincount(each.pair[fits], minlength=len(evidence.pairs)))
     found = [
-        _judge_pair(evidence, k, [row[k] for row in given]) for k in range(len(evidence.pairs))
+        _judge_pair(evidence, k, orders, [row[k] for row in given])
+        for k in range(len(evidence.pairs))
     ]
     verdicts = [each for each in found if each is not None]
     supports = [each for each in verdicts if each.supports]
@@ -108,7 +109,9 @@ def find_agreement(evidence: Evidence) -> Agreement:
     return Agreement(supports, contradicts, _find_apart(verdicts))
 
 
-def _judge_pair(evidence: Evidence, number: int, given: Sequence[int]) -> PairVerdict | None:
+def _judge_pair(
+    evidence: Evidence, number: int, orders: Sequence[np.ndarray], given: Sequence[int]
+) -> PairVerdict | None:
     """Counts what free and given relative poses explain of a pair, and what chance would.
 
     A free pose has five numbers that adapt to the matches, so chance is what it explains of
@@ -123,12 +126,9 @@ def _judge_pair(evidence: Evidence, number: int, given: Sequence[int]) -> PairVe
         for camera, pixels in zip(cameras, pair.pixels, strict=True)
     ]
     seen = [np.array(image.valid, bool) for image in images]
-    count = pair.pixels.shape[1]
-    first = np.arange(count, dtype=np.int32)
-    orders = [first] + [
-        np.random.default_rng([seed, number]).permutation(first) for seed in range(_SHUFFLES)
-    ]
-    rows = [np.stack([first, second], axis=1)[seen[0] & seen[1][second]] for second in orders]
+    own = np.flatnonzero(evidence.pair == number)
+    rows = [np.stack([own, order[own]], axis=1).astype(np.int32) - own[0] for order in orders]
+    rows = [both[seen[0][both[:, 0]] & seen[1][both[:, 1]]] for both in rows]
     ends = np.tile([[0, 1]], (len(rows), 1))
     fits = _core.verify_pairs(images, ends, rows, evidence.tolerance, 0)
     free = [int(np.count_nonzero(kept)) for kept, *_ in fits]

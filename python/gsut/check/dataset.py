@@ -10,7 +10,7 @@ from gsut.bounds import name_wrong_kinds
 from gsut.check.colors import check_colors
 from gsut.check.depths import check_depths
 from gsut.check.evidence import gather_evidence
-from gsut.check.findings import Finding, finding_from_error, has_errors, sort_findings
+from gsut.check.findings import Finding, finding_from_error, sort_findings
 from gsut.check.geometry import check_lenses, check_points, check_poses
 from gsut.check.images import check_bits, check_images
 from gsut.check.masks import check_masks
@@ -49,7 +49,7 @@ def check_against_photographs(
     """
     evidence = gather_evidence(scene.move_origin((0.0, 0.0, 0.0)), matches)
     findings = check_photographs(scene, evidence)
-    if has_errors(findings):
+    if any(finding.severity == "error" for finding in findings):
         return findings  # whatever else is wrong follows from it
     points = check_points_frame(scene, evidence)
     if not points:

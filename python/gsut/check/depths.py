@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import contextlib
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from gsut._core import InputError
 from gsut.check.evidence import Evidence, gather_evidence
 from gsut.check.findings import Finding
 from gsut.data import Scene
-from gsut.data.scene import find_visible_points, read_depth
+from gsut.data.scene import find_visible_points, has_depths, read_depth
 from gsut.sampling import FEWEST_SAMPLES, choose_evenly
 
 _AGREES = 0.02  # median relative difference below which files agree with points
@@ -27,6 +28,7 @@ _CURES = {
     1: 'write "depth_along": "z" into transforms.json',
     2: 'leave "depth_along" out of transforms.json',
 }  # by kind
+_Known = tuple[int, np.ndarray, np.ndarray]  # view, places (n, 2) and distances (n,)
 
 
 def check_depths(scene: Scene, evidence: Evidence | None = None) -> list[Finding]:
@@ -39,14 +41,17 @@ def check_depths(scene: Scene, evidence: Evidence | None = None) -> list[Finding
     Returns:
         A warning that says in which unit, or as what, the files would agree, or nothing.
     """
-    others, samples = "the points", [*_sample_points(scene)]
-    if sum(len(each[0]) for each in samples) < FEWEST_SAMPLES:
+    if not has_depths(scene):
+        return []
+    others, samples = "the points", _look_up(scene, _list_points(scene))
+    if samples.shape[1] < FEWEST_SAMPLES:
         evidence = gather_evidence(scene) if evidence is None else evidence
         if evidence is not None:
-            others, samples = "the matches of the photographs", [*_sample_matches(scene, evidence)]
-    if sum(len(each[0]) for each in samples) < FEWEST_SAMPLES:
+            others = "the matches of the photographs"
+            samples = _look_up(scene, _list_matches(scene, evidence))
+    if samples.shape[1] < FEWEST_SAMPLES:
         return []
-    depth, distance, cosine = np.log(np.concatenate([np.stack(each) for each in samples], axis=1))
+    depth, distance, cosine = np.log(samples)
     offs = [depth - power * distance - tilt * cosine for _, power, tilt in _KINDS]
     scales = [float(np.median(off)) for off in offs]
     errors = [
@@ -76,40 +81,38 @@ def _warn(scene: Scene, what: str, advice: str) -> Finding:
     return Finding("warning", str(scene.path), what, advice)
 
 
-def _sample_points(scene: Scene) -> Iterator[tuple[np.ndarray, ...]]:
+def _list_points(scene: Scene) -> Iterator[_Known]:
     views = [view for view, each in enumerate(scene.views) if each.depth_path is not None]
     for view in choose_evenly(views) if len(scene.points) else ():
-        yield _look_up(scene, view, *find_visible_points(scene, view, scene.points)[1:])
+        yield view, *find_visible_points(scene, view, scene.points)[1:]
 
 
-def _sample_matches(scene: Scene, evidence: Evidence) -> Iterator[tuple[np.ndarray, ...]]:
+def _list_matches(scene: Scene, evidence: Evidence) -> Iterator[_Known]:
     views, pixels, distances = evidence.measure_distances()
     for view in np.unique(views).tolist():
-        if scene.views[view].depth_path is not None:
-            camera, rows = scene.camera(view), views == view
-            places = pixels[rows] / [camera.width, camera.height]
-            yield _look_up(scene, view, places, distances[rows])
+        camera, rows = scene.camera(view), views == view
+        yield view, pixels[rows] / [camera.width, camera.height], distances[rows]
 
 
-def _look_up(
-    scene: Scene, view: int, places: np.ndarray, distances: np.ndarray
-) -> tuple[np.ndarray, ...]:
-    """Returns depths (n,) of the file at places, with their distances and cosines to the axis."""
-    try:
-        depth = read_depth(scene, view)
-    except InputError:  # reported by the checks of the files
-        depth = None
-    if depth is None:
-        return (np.zeros(0),) * 3
-    rays = np.asarray(scene.camera(view).rays()[0])
+def _look_up(scene: Scene, known: Iterable[_Known]) -> np.ndarray:
+    """Returns (3, N) depths of the files at places, their distances and cosines to the axis."""
+    found = [np.zeros((3, 0))]
+    for view, places, distances in known:
+        with contextlib.suppress(InputError):  # reported by the checks of the files
+            depth = read_depth(scene, view)
+            if depth is None:
+                continue
+            rays = np.asarray(scene.camera(view).rays()[0])
+            depth, ray = (_look_at(table, places) for table in (depth, rays))
+            with np.errstate(divide="ignore", invalid="ignore"):
+                cosine = ray[:, 2] / np.linalg.norm(ray, axis=1)
+            found.append(np.stack([depth, distances, cosine]))
+    rows = np.concatenate(found, axis=1)
+    return rows[:, (np.isfinite(rows) & (rows > 0)).all(axis=0)]
 
-    def look(table: np.ndarray) -> np.ndarray:
-        size = np.array(table.shape[1::-1])
-        columns, rows = np.clip((places * size).astype(np.int64), 0, size - 1).T
-        return table[rows, columns]
 
-    ray, found = look(rays), look(depth)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        cosine = ray[:, 2] / np.linalg.norm(ray, axis=1)
-    good = np.isfinite(found) & (found > 0) & (cosine > 0) & (distances > 0)
-    return found[good], distances[good], cosine[good]
+def _look_at(table: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Returns the values (N, ...) of a picture at places (N, 2), shares of its size."""
+    size = np.array(table.shape[1::-1])
+    columns, rows = np.clip((places * size).astype(np.int64), 0, size - 1).T
+    return table[rows, columns]

@@ -147,12 +147,16 @@ class Evidence:
     def _score_errors(self, errors: np.ndarray) -> np.ndarray:
         return score_errors(errors, self.noise, _FITTING, self.diagonal)
 
-    def shuffle(self, seed: int) -> Evidence:
-        """Exchanges the second image's pixels within each pair: what fits them fits by chance."""
+    def shuffle(self, seed: int) -> np.ndarray:
+        """Exchanges the rows (M,) of each pair's matches: what fits them so fits by chance."""
         order = np.arange(len(self))
         for number in range(len(self.pairs)):
             rows = np.flatnonzero(self.pair == number)
             order[rows] = np.random.default_rng([seed, number]).permutation(rows)
+        return order
+
+    def match_with(self, order: np.ndarray) -> Evidence:
+        """Matches the first pixels with the second ones of other rows (M,)."""
         pixels, moments = (
             np.stack([each[0], each[1, order]]) for each in (self.pixels, self.moments)
         )
@@ -177,10 +181,6 @@ class Evidence:
         share = 1 - (1 - _FITTING) * np.exp(-scores)
         count = len(self.pairs)
         return np.bincount(self.pair, share, count) / np.bincount(self.pair, minlength=count)
-
-    def find_share(self, data: Dataset) -> float:
-        """Returns the mean of `find_shares`."""
-        return float(np.mean(self.find_shares(data)))
 
     @functools.cached_property
     def _triangulated(self) -> tuple[np.ndarray, np.ndarray]:

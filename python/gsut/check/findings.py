@@ -54,11 +54,6 @@ def sort_findings(findings: Sequence[Finding]) -> list[Finding]:
     return sorted(unique, key=lambda finding: SEVERITIES.index(finding.severity))
 
 
-def has_errors(findings: Sequence[Finding]) -> bool:
-    """Returns whether any finding keeps training from starting."""
-    return any(finding.severity == "error" for finding in findings)
-
-
 def format_findings(findings: Sequence[Finding]) -> str:
     """Formats findings as text: a line each, then a line with their counts and the verdict."""
     count = {s: sum(f.severity == s for f in findings) for s in SEVERITIES}

@@ -8,7 +8,7 @@ import numpy as np
 
 from gsut._core import CameraMotion
 from gsut.check.findings import Finding, make_reporters
-from gsut.check.samples import SIDE
+from gsut.check.samples import SIDE, pair_equal
 from gsut.data import Scene, list_some
 from gsut.data.points import UNCOLORED, has_colors
 from gsut.data.poses import invert_pose
@@ -76,14 +76,17 @@ def check_poses(scene: Scene) -> Iterator[Finding]:
     (inform, warn), views = make_reporters(str(scene.path)), scene.views
     centers = np.array([view.camera_center for view in views])
     spread = np.linalg.svd(centers - centers.mean(axis=0), compute_uv=False)
-    tiny = _SAME_PLACE * scene.extent
-    if len(views) > 1 and spread[0] <= tiny * np.sqrt(len(views)):
+    if len(views) > 1 and spread[0] <= _SAME_PLACE * scene.extent * np.sqrt(len(views)):
         yield warn(
             "all cameras stand at one place",
             "depth cannot be found from a turning camera: move it, or check the translations",
         )
-    else:
-        yield from _find_repeated_poses(scene, centers, tiny)
+    elif pairs := pair_equal({k: view.camera_from_world.tobytes() for k, view in enumerate(views)}):
+        names = list_some([f"{views[one].name} = {views[two].name}" for one, two in pairs])
+        yield warn(
+            f"{len(pairs)} pairs of views have the same pose: {names}",
+            "check how poses are matched to images; for a rig, give each camera its own pose",
+        )
     if not _POSSIBLE_EXTENTS[0] < scene.extent < _POSSIBLE_EXTENTS[1]:
         yield warn(
             f"the cameras' extent is {scene.extent:.3g} units: an unusual scale",
@@ -106,23 +109,6 @@ def check_poses(scene: Scene) -> Iterator[Finding]:
             f"{len(rolling)} views have rolling-shutter poses (median motion in one frame"
             f" {moved:.3g} units, {turned:.2g} degrees)",
             "training sees each line from its own pose; --shutter global would blur the scene",
-        )
-
-
-def _find_repeated_poses(scene: Scene, centers: np.ndarray, tiny: float) -> Iterator[Finding]:
-    views, pairs = scene.views, []
-    for row in range(len(views) - 1):
-        near = np.linalg.norm(centers[row + 1 :] - centers[row], axis=1) < tiny
-        for other in np.flatnonzero(near) + row + 1:
-            turn = views[row].camera_from_world - views[other].camera_from_world
-            if np.abs(turn[:3, :3]).max() < _SAME_PLACE:
-                pairs.append(f"{views[row].name} = {views[other].name}")
-    if pairs:
-        yield Finding(
-            "warning",
-            str(scene.path),
-            f"{len(pairs)} pairs of views have the same pose: {list_some(pairs)}",
-            "check how poses are matched to images; for a rig, give each camera its own pose",
         )
 
 

@@ -1,16 +1,15 @@
-"""Checks pixels: every image decodes; blur, exposure, brightness, repeats."""
+"""Checks pixels: every image decodes; blur, exposure, repeats."""
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from gsut._core import InputError
 from gsut.check.findings import Finding, finding_from_error
-from gsut.check.samples import shrink_to_grey
+from gsut.check.samples import pair_equal, shrink_to_grey
 from gsut.data import Scene, list_some
 from gsut.data.images import find_largest_value, shrink_mask
 from gsut.run import Progress
@@ -26,13 +25,11 @@ class ImageStats(NamedTuple):
     """Figures of one image that are cheap to compute.
 
     Attributes:
-        brightness: mean of the valid pixels, 0 to 255.
         sharpness: standard deviation of the Laplacian over that of the image.
         saturated, black: shares of the valid pixels that are so in all channels.
         valid: share of unmasked pixels.
     """
 
-    brightness: float
     sharpness: float
     saturated: float
     black: float
@@ -71,12 +68,12 @@ def check_images(scene: Scene, *, progress: bool = True) -> Iterator[Finding]:
     """
     yield from check_bits(scene)
     stats: dict[int, ImageStats] = {}
-    same: dict[int, list[int]] = {}
+    pictures: dict[int, int] = {}
     for index in Progress(progress).iterate("images", range(len(scene))):
         try:
             pixels = scene.image(index)
             stats[index] = _measure_image(pixels, scene.mask(index))
-            same.setdefault(hash(pixels.tobytes()), []).append(index)
+            pictures[index] = hash(pixels.tobytes())
         except InputError as error:
             yield finding_from_error(error)
     if stats:
@@ -84,7 +81,7 @@ def check_images(scene: Scene, *, progress: bool = True) -> Iterator[Finding]:
         yield from _find_outliers(
             ImageStats(*np.array([*stats.values()]).T), names, str(scene.path)
         )
-        yield from _find_repeats(scene, same.values())
+        yield from _find_repeats(scene, pair_equal(pictures))
 
 
 def _measure_image(pixels: np.ndarray, mask: np.ndarray) -> ImageStats:
@@ -100,7 +97,6 @@ def _measure_image(pixels: np.ndarray, mask: np.ndarray) -> ImageStats:
     spread = float(inside.std())
     bright = cv2.inRange(pixels, (255 - _ROUNDING,) * 3, (255,) * 3).astype(bool)
     return ImageStats(
-        brightness=float(inside.mean()),
         sharpness=float(edges[core].std() / spread) if core.any() and spread > 0 else 0.0,
         saturated=float(bright[mask].mean()) if mask.any() else 0.0,
         black=float((inside <= _ROUNDING).mean()),
@@ -110,10 +106,9 @@ def _measure_image(pixels: np.ndarray, mask: np.ndarray) -> ImageStats:
 
 def _find_outliers(stats: Any, names: list[str], where: str) -> Iterator[Finding]:
     """Names blurred, over-exposed, black and masked images, of figures (N,) of all."""
-    sharpness, brightness = stats.sharpness, stats.brightness
     cases = (
         (
-            sharpness < _BLURRY * np.median(sharpness),
+            stats.sharpness < _BLURRY * np.median(stats.sharpness),
             f"less than {_BLURRY:.0%} as sharp as the median image",
             "leave blurred images out",
         ),
@@ -138,24 +133,10 @@ def _find_outliers(stats: Any, names: list[str], where: str) -> Iterator[Finding
             listed = list_some([names[i] for i in np.flatnonzero(rows)])
             text = f"{rows.sum()} of {len(names)} images: {what}: {listed}"
             yield Finding("warning", where, text, advice)
-    relative = sharpness / max(float(np.median(sharpness)), 1e-9)
-    yield Finding(
-        "info",
-        where,
-        f"brightness {brightness.min():.0f} to {brightness.max():.0f}"
-        f" (median {np.median(brightness):.0f}) of 255, relative sharpness"
-        f" {relative.min():.2f} to {relative.max():.2f} of the median",
-    )
 
 
-def _find_repeats(scene: Scene, groups: Iterable[list[int]]) -> Iterator[Finding]:
-    """Names files with the same picture, and whether training and test share one.
-
-    Args:
-        scene: that has them.
-        groups: views whose pictures are the same.
-    """
-    pairs = [pair for views in groups for pair in itertools.combinations(views, 2)]
+def _find_repeats(scene: Scene, pairs: list[tuple[int, int]]) -> Iterator[Finding]:
+    """Names files with the same picture, and whether training and test share one."""
     if not pairs:
         return
     split = set(scene.test_indices)

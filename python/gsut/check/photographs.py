@@ -94,8 +94,7 @@ def find_explanation(evidence: Evidence) -> Explanation | None:
     if not any(each.is_sure for each in found):
         return None
     most = max(each.gain for each in found)
-    alike = [each for each in found if each.gain >= KEPT * most]  # explain the same
-    return min(alike, key=lambda each: HYPOTHESES.index(each.hypothesis))
+    return next(each for each in found if each.gain >= KEPT * most)  # those explain the same
 
 
 def _compare_scores(
@@ -122,7 +121,7 @@ def _compare_scores(
 def _name_explanation(evidence: Evidence, share: float, found: Explanation) -> Finding:
     row, variant = found.hypothesis, found.variant
     sentence, cure = row.sentence.format(variant.words), row.cure.format(variant.edit)
-    fits = evidence.find_share(variant.data)
+    fits = np.mean(evidence.find_shares(variant.data))
     severity, what = "warning", f"the photographs fit better {sentence}"
     if share < FEW_AGREE or found.is_large:
         severity = "error"

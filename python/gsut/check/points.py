@@ -11,7 +11,7 @@ from gsut.check.evidence import Evidence
 from gsut.check.findings import Finding
 from gsut.data import Scene
 from gsut.data.points import has_colors
-from gsut.judge import list_signed_permutations
+from gsut.judge import TINY, list_signed_permutations
 from gsut.sampling import ENOUGH_SAMPLES, FEWEST_SAMPLES, choose_evenly
 
 _UNITS = {  # points' unit over the poses' -> names of both
@@ -37,9 +37,11 @@ def check_points_frame(scene: Scene, evidence: Evidence | None) -> list[Finding]
     """
     if len(scene.points) < FEWEST_SAMPLES:
         return []
-    ratio = None if evidence is None else _compare_spread(scene, evidence)
-    if ratio is not None and 1 / _OTHER_SCALE < ratio < _OTHER_SCALE:
-        ratio = None
+    seen = np.zeros((0, 3)) if evidence is None else evidence.triangulate()
+    ratio = None
+    if len(seen) >= FEWEST_SAMPLES:
+        spread = _spread(scene.points) / max(_spread(seen), TINY)
+        ratio = None if 1 / _OTHER_SCALE < spread < _OTHER_SCALE else spread
     if has_colors(scene):
         given = _correlate(scene, np.eye(3))
         if given >= EXPECTED_R:
@@ -64,14 +66,6 @@ def _describe_cure(scale: float) -> str:
         f"multiply the points by {1 / scale:.3g}, or scale the poses' positions: both must be of "
         "one model"
     )
-
-
-def _compare_spread(scene: Scene, evidence: Evidence) -> float | None:
-    """Divides the median spread of the points by that of triangulated matches."""
-    seen = evidence.triangulate()
-    if len(seen) < FEWEST_SAMPLES:
-        return None
-    return _spread(scene.points) / max(_spread(seen), 1e-300)
 
 
 def _spread(points: np.ndarray) -> float:

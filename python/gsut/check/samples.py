@@ -1,4 +1,7 @@
-"""How much of a dataset the doctor's checks examine, and what they trust."""
+"""What the doctor's checks look at: small pictures, and views of which something is the same."""
+
+import itertools
+from collections.abc import Hashable, Mapping
 
 import numpy as np
 
@@ -14,3 +17,11 @@ def shrink_to_grey(pixels: np.ndarray) -> np.ndarray:
     height, width = pixels.shape[:2]
     size = min(SIDE, width), max(1, round(height * min(SIDE, width) / width))
     return shrink_image(cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY), *size)
+
+
+def pair_equal(keys: Mapping[int, Hashable]) -> list[tuple[int, int]]:
+    """Pairs the views whose keys are equal."""
+    groups: dict[Hashable, list[int]] = {}
+    for view, key in keys.items():
+        groups.setdefault(key, []).append(view)
+    return [pair for views in groups.values() for pair in itertools.combinations(views, 2)]

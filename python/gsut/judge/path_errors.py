@@ -8,7 +8,7 @@ import numpy as np
 
 from gsut._core import exp_pose
 from gsut.data.poses import invert_pose
-from gsut.gaussians import quaternion_from_rotation, rotations_from_quaternions
+from gsut.gaussians import find_nearest_rotation
 from gsut.judge.epipolar import MOMENTS
 from gsut.judge.hypotheses import Dataset, Hypothesis, Rate, Variant, Variants, climb
 
@@ -24,15 +24,10 @@ def shift_frames(data: Dataset, frames: np.ndarray) -> Dataset:
         if len(path) >= _FEWEST:
             at = np.clip(np.arange(len(path))[:, None] + frames, 0, len(path) - 1)
             low = np.minimum(at.astype(int), len(path) - 2)
-            share, moment = (at - low)[..., None], np.arange(len(frames))
+            share, moment = (at - low)[..., None, None], np.arange(len(frames))
             one, two = (table[np.array(path)[k], moment] for k in (low, low + 1))
-            q, other = (quaternion_from_rotation(pose[..., :3, :3]) for pose in (one, two))
-            other = other * np.where(np.sum(q * other, axis=-1, keepdims=True) < 0, -1.0, 1.0)
-            q = (1 - share) * q + share * other
-            q = (q / np.linalg.norm(q, axis=-1, keepdims=True)).reshape(-1, 4)
-            center = (1 - share) * one[..., :3, 3] + share * two[..., :3, 3]
-            moved[path, :, :3, :3] = rotations_from_quaternions(q).reshape(*share.shape[:2], 3, 3)
-            moved[path, :, :3, 3] = center
+            moved[path] = (1 - share) * one + share * two
+            moved[path, :, :3, :3] = find_nearest_rotation(moved[path, :, :3, :3])
     return data.place(moved)
 
 

@@ -77,11 +77,6 @@ class PosesQuality(PictureQuality):
         return DIAGONAL / self.diagonal_px
 
     @property
-    def lost(self) -> float:
-        """Returns the share of the images without a pose."""
-        return (self.images - self.registered) / max(1, self.images)
-
-    @property
     def rejected(self) -> float:
         """Returns the largest share of an image's matches in rejected pairs, if these are many."""
         lost = max(self.contradicted_images.values(), default=0.0)
@@ -157,7 +152,8 @@ POSES_CHECKS: tuple[Check[PosesQuality], ...] = (
     ),
     *PICTURE_CHECKS,
     Check(
-        "images without a pose", lambda q: q.lost, _SOME_LOST, _MANY_LOST,
+        "images without a pose", lambda q: (q.images - q.registered) / max(1, q.images), _SOME_LOST,
+        _MANY_LOST,
         lambda q: f"{q.images - q.registered} of {q.images} images could not be connected with the "
         "others",
         _ADD_LINKS,

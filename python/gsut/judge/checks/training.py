@@ -84,15 +84,6 @@ class NextCommand:
     division: Sequence[str]
     scene: Mapping[str, Any] | None
 
-    def with_poses(self) -> str:
-        return self._write(["--refine-poses"], "refine_poses")
-
-    def with_new_poses(self) -> str:
-        return format_command(["gsut", "poses", self.data, "-o", f"{self.out}-poses"])
-
-    def as_it_was(self) -> str:
-        return self._write([])
-
     @property
     def is_short(self) -> bool:
         """Reports whether the longest preset makes more steps than the training made."""
@@ -103,12 +94,13 @@ class NextCommand:
         if not self.is_short:
             words, but = ["--steps", str(2 * self.options.steps)], ["steps"]
         if self.scene is None:
-            return self._write(words, *but)
+            return self.write(words, *but)
         inputs = self.scene["inputs"]
         kept = SceneOptions.from_key(self.scene).list_words(*but)
         return format_command(["gsut", "scene", *inputs, "-o", self.out, *kept, *words])
 
-    def _write(self, words: Sequence[str], *but: str) -> str:
+    def write(self, words: Sequence[str], *but: str) -> str:
+        """Writes the training with more words, but for options that these change."""
         if self.scene is not None:
             but = (*but, "test_names")  # chosen for it, as those of another training are
         kept = [*self.division, *self.options.list_words(*but)]
@@ -125,11 +117,13 @@ def _name_wrong(q: TrainingQuality, unknown: str) -> str:
 
 def _choose_step_on_wrong(q: TrainingQuality) -> str:
     """Names a step against wrong poses or a wrong lens."""
+    repeat = q.repeat
     if q.accused is not None and q.accused["subject"] == "lens":
-        return f"{q.accused['advice']}; then {q.repeat.as_it_was()}"
-    not_mended = q.accused is not None and q.repeat.options.refine_poses
-    then = q.repeat.with_new_poses() if not_mended else q.repeat.with_poses()
-    return f"{format_command(['gsut', 'doctor', q.repeat.data])}, then {then}"
+        return f"{q.accused['advice']}; then {repeat.write([])}"
+    then = repeat.write(["--refine-poses"], "refine_poses")
+    if q.accused is not None and repeat.options.refine_poses:  # that has not mended it
+        then = format_command(["gsut", "poses", repeat.data, "-o", f"{repeat.out}-poses"])
+    return f"{format_command(['gsut', 'doctor', repeat.data])}, then {then}"
 
 
 def _describe_moved(q: TrainingQuality) -> str:
