@@ -12,6 +12,7 @@ from gsut.check.evidence import Evidence, gather_evidence
 from gsut.check.findings import Finding
 from gsut.data import Scene
 from gsut.data.scene import find_visible_points, has_depths, read_depth
+from gsut.render import compute_field_angles
 from gsut.sampling import FEWEST_SAMPLES, choose_evenly
 
 _AGREES = 0.02  # median relative difference below which files agree with points
@@ -102,11 +103,9 @@ def _look_up(scene: Scene, known: Iterable[_Known]) -> np.ndarray:
             depth = read_depth(scene, view)
             if depth is None:
                 continue
-            rays = np.asarray(scene.camera(view).rays()[0])
-            depth, ray = (_look_at(table, places) for table in (depth, rays))
-            with np.errstate(divide="ignore", invalid="ignore"):
-                cosine = ray[:, 2] / np.linalg.norm(ray, axis=1)
-            found.append(np.stack([depth, distances, cosine]))
+            angles = compute_field_angles(scene.camera(view))
+            depth, angle = (_look_at(table, places) for table in (depth, angles))
+            found.append(np.stack([depth, distances, np.cos(angle)]))
     rows = np.concatenate(found, axis=1)
     return rows[:, (np.isfinite(rows) & (rows > 0)).all(axis=0)]
 

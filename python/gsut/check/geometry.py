@@ -14,6 +14,7 @@ from gsut.data.points import UNCOLORED, has_colors
 from gsut.data.poses import invert_pose
 from gsut.data.scene import project_points
 from gsut.gaussians import measure_rotation_angles
+from gsut.render import compute_field_angles
 from gsut.sampling import ENOUGH_SAMPLES, FEWEST_SAMPLES
 
 _NARROWEST = 1.0  # degrees off the axis, which the longest photographic lenses see
@@ -29,20 +30,20 @@ def check_lenses(scene: Scene) -> Iterator[Finding]:
         inform, warn = make_reporters(where)
         longer = max(camera.width, camera.height)
         sizes = [max(1, side * SIDE // longer) for side in (camera.width, camera.height)]
-        rays, valid = (camera if longer <= SIDE else camera.resize(*sizes)).rays()
-        blind = 1 - float(np.mean(valid))
-        angles = np.arctan2(np.hypot(rays[..., 0], rays[..., 1]), rays[..., 2])
-        angles = np.degrees(angles[np.asarray(valid, bool)])
+        small = camera if longer <= SIDE else camera.resize(*sizes)
+        angles = np.degrees(compute_field_angles(small))
+        blind = float(np.isnan(angles).mean())
         limit = np.degrees(camera.max_angle)
-        if angles.size == 0:
+        if blind == 1:
             yield Finding(
                 "error", where, "no pixel has a ray", "the distortion is wrong: calibrate again"
             )
             continue
-        widest = f"the widest pixel sees {angles.max():.1f} degrees off the axis"
-        if angles.max() < _NARROWEST:
+        most = np.nanmax(angles)
+        widest = f"the widest pixel sees {most:.1f} degrees off the axis"
+        if most < _NARROWEST:
             yield warn(
-                f"the lens sees {2 * angles.max():.2g} degrees from corner to corner",
+                f"the lens sees {2 * most:.2g} degrees from corner to corner",
                 "no photographic lens sees so little: check focal length, distortion, width and "
                 "height",
             )

@@ -83,39 +83,25 @@ def find_explanation(evidence: Evidence) -> Explanation | None:
     current, structure = evidence.score(given), evidence.make_structure(given)
     can_be_gross = evidence.best_score - float(np.mean(current)) > _PLAIN
     for row, variant in find_best_variants(HYPOTHESES, given, evidence.sample.score, can_be_gross):
-        rival = evidence.make_structure(variant.data, row.free)
         scores = evidence.score(variant.data)
-        wins = prefer(structure, rival, evidence.matches).is_rival
-        explains = float(np.median(evidence.find_shares(variant.data))) > FEW_AGREE
-        better, is_sure = _compare_scores(current, scores, wins, row)
-        if explains and better:
-            gain = float(np.mean(scores - current))
-            found.append(Explanation(row, variant, float(np.mean(scores)), gain, is_sure))
+        touched = ~np.isclose(scores, current)
+        if not touched.any() or np.median(evidence.find_shares(variant.data)) <= FEW_AGREE:
+            continue
+        gains = scores[touched] - current[touched]
+        gain, everywhere = gains.mean(), bool(np.all(gains > 0))
+        # It is better plainly, as all images say so, or else beyond chance.
+        better = everywhere and min(gain, scores[touched].mean() / 2) > _PLAIN
+        if not better and gain > (_PLAIN if row.is_gross else _LEAST_GAIN):
+            rival = evidence.make_structure(variant.data, row.free)
+            better = prefer(structure, rival, evidence.matches).is_rival
+        if better:
+            is_sure = everywhere or not row.is_everywhere or gain > _PLAIN
+            means = float(np.mean(scores)), float(np.mean(scores - current))
+            found.append(Explanation(row, variant, *means, is_sure))
     if not any(each.is_sure for each in found):
         return None
     most = max(each.gain for each in found)
     return next(each for each in found if each.gain >= KEPT * most)  # those explain the same
-
-
-def _compare_scores(
-    current: np.ndarray, rival: np.ndarray, wins: bool, row: Hypothesis
-) -> tuple[bool, bool]:
-    """Returns whether a rival is better, beyond chance or plainly: all images say so; and surely.
-
-    Args:
-        current, rival: scores (G,) of the groups of images.
-        wins: the rival is preferred.
-        row: the hypothesis.
-    """
-    gains = rival - current
-    touched = ~np.isclose(rival, current)
-    if not touched.any():
-        return False, False
-    gain, score = float(gains[touched].mean()), float(rival[touched].mean())
-    everywhere = bool(np.all(gains[touched] > 0))
-    plain = everywhere and min(gain, score / 2) > _PLAIN
-    better = gain > (_PLAIN if row.is_gross else _LEAST_GAIN) and (wins or plain)
-    return better, better and (everywhere or not row.is_everywhere or gain > _PLAIN)
 
 
 def _name_explanation(evidence: Evidence, share: float, found: Explanation) -> Finding:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
 from typing import Any
 
 from gsut.judge.checks.check import Check, judge
@@ -45,19 +44,6 @@ PICTURE_CHECKS: tuple[Check[PictureQuality], ...] = (
 )  # fmt: skip
 
 
-def _count_blurred(rows: list[Mapping[str, Any]]) -> int:
-    return sum(bool(row.get("blurred")) for row in rows)
-
-
-CAPTURE_CHECKS: tuple[Check[list[Mapping[str, Any]]], ...] = (
-    Check(
-        "sharpness", lambda rows: _count_blurred(rows) / max(1, len(rows)), MANY, 1.0,
-        lambda rows: f"{_count_blurred(rows)} of them blurred",
-        "film more slowly, or with more light",
-    ),
-)  # fmt: skip
-
-
 def judge_pictures(figures: dict[str, Any]) -> Verdict:
     """Judges the pictures that a capture chose; whether they are enough, held-out views show.
 
@@ -65,4 +51,9 @@ def judge_pictures(figures: dict[str, Any]) -> Verdict:
         figures: of a capture: "frames", a row for each picture, and "size".
     """
     rows, (width, height) = figures["frames"], figures["size"]
-    return judge(CAPTURE_CHECKS, rows, f"{len(rows)} pictures of {width} x {height}", "")
+    blurred = sum(bool(row.get("blurred")) for row in rows)
+    sharpness: Check[int] = Check(
+        "sharpness", lambda blurred: blurred / max(1, len(rows)), MANY, 1.0,
+        lambda blurred: f"{blurred} of them blurred", "film more slowly, or with more light",
+    )  # fmt: skip
+    return judge([sharpness], blurred, f"{len(rows)} pictures of {width} x {height}", "")

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from gsut.judge.checks.check import Check, find_faults
@@ -177,34 +176,22 @@ TRAINING_CHECKS: tuple[Check[TrainingQuality], ...] = (
 )  # fmt: skip
 
 
-def _measure_color_gain(metrics: Mapping[str, Any]) -> float:
-    corrected = metrics.get("psnr_color_corrected")
-    return 0.0 if corrected is None else float(corrected - metrics["psnr"])
-
-
-# What is said beside the cause, and lowers nothing: the limits are where it is said.
-NOTES: tuple[Check[Mapping[str, Any]], ...] = (
-    Check(
-        "movers", lambda m: m.get("moving_train", 0.0), MOVING, 1.0,
-        lambda m: f"{100 * m['moving_train']:.1f} % of the training pixels show what moved past, "
-        "or what no other photograph shows, and were left out",
-        "",
-    ),
-    Check(
-        "worst view",
-        lambda m: _name_level(m["detail_min"]) != _name_level(m["detail_median"]), 0.0, 1.0,
-        lambda m: f"{m['least_detailed']} is worst, with {100 * m['detail_min']:.0f} % of its "
-        "detail",
-        "",
-    ),
-    Check(
-        "colours", _measure_color_gain, _COLORS_DB, math.inf,
-        lambda m: "brightness or colours differ from the photographs "
-        f"({m['psnr_color_corrected']:.1f} dB with colours corrected): exposure, white balance, or "
-        "fog in a sky",
-        "",
-    ),
-)  # fmt: skip
+def _list_notes(metrics: Mapping[str, Any]) -> Iterator[str]:
+    """Yields what is said beside the cause, and lowers nothing."""
+    moving, corrected = metrics.get("moving_train", 0.0), metrics.get("psnr_color_corrected")
+    if moving > MOVING:
+        yield (
+            f"{100 * moving:.1f} % of the training pixels show what moved past, or what no other "
+            "photograph shows, and were left out"
+        )
+    least = metrics["detail_min"]
+    if _name_level(least) != _name_level(metrics["detail_median"]):
+        yield f"{metrics['least_detailed']} is worst, with {100 * least:.0f} % of its detail"
+    if corrected is not None and corrected - metrics["psnr"] > _COLORS_DB:
+        yield (
+            f"brightness or colours differ from the photographs ({corrected:.1f} dB with colours "
+            "corrected): exposure, white balance, or fog in a sky"
+        )
 
 
 def judge_training(
@@ -245,8 +232,7 @@ def judge_training(
         accused=None if was_refined and _find_tracks(metrics)["refined"] else accused,
     )
     causes = find_faults(TRAINING_CHECKS, quality)[:1]
-    notes = [fault.what for fault in find_faults(NOTES, metrics)]
-    reasons = [*(fault.what for fault in causes), *mending, *notes]
+    reasons = [*(fault.what for fault in causes), *mending, *_list_notes(metrics)]
     advice = causes[0].advice if causes else format_command(["gsut", "view", run])
     level = Verdict.LEVELS[causes[0].severity if causes else 0]
     return Verdict(level, _describe(metrics), tuple(reasons), advice)
