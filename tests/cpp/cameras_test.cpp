@@ -3,6 +3,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <random>
 #include <string>
 #include <vector>
 
@@ -10,6 +11,7 @@
 #include "gsut/base/isa.h"
 #include "gsut/cameras/camera.h"
 #include "gsut/cameras/lens_kernels.h"
+#include "gsut/cameras/plane_inverses.h"
 #include "gsut/cameras/plane_map.h"
 #include "gsut/cameras/polynomial.h"
 
@@ -51,6 +53,36 @@ TEST(PlaneMapTest, RegularRadiusOfQuadraticMapIsWhereItFolds) {
   };
   EXPECT_NEAR(RegularRadius(map, 100.0), 2.0, 1e-8);
   EXPECT_EQ(RegularRadius(map, 1.5), 1.5);
+}
+
+TEST(PlaneMapTest, DomainOfTangentialLensesEndsWhereTheyFold) {
+  // The domain skips circles on which bounds say that the map is regular; sampling all of them must
+  // find the same end. k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4; the first draws are near a radial lens.
+  std::mt19937 random(7);
+  std::normal_distribution<double> normal;
+  int folds = 0;
+  for (int draw = 0; draw < 200; ++draw) {
+    const double other = std::pow(10.0, -4.0 + draw / 50.0), radial = draw % 2 == 0 ? 0.3 : 0.03;
+    std::vector<double> params = {1000, 1000, 500, 500};
+    for (int i = 0; i < 12; ++i) {
+      const bool is_radial = i < 2 || (i >= 4 && i < 8);
+      params.push_back((is_radial ? radial : other) * normal(random));
+    }
+    const double* c = &params[4];
+    const PlaneMap map = MakePlaneMap([c](Dual<2> x, Dual<2> y, Dual<2>* u, Dual<2>* v) {
+      const auto k = [c](int i) { return Dual<2>(c[i]); };
+      const Dual<2> s = x * x + y * y, one(1.0), two(2.0);
+      const Dual<2> g =
+          (one + s * (k(0) + s * (k(1) + s * k(4)))) / (one + s * (k(5) + s * (k(6) + s * k(7))));
+      *u = x * g + k(2) * two * x * y + k(3) * (s + two * x * x) + s * (k(8) + s * k(9));
+      *v = y * g + k(2) * (s + two * y * y) + k(3) * two * x * y + s * (k(10) + s * k(11));
+    });
+    const double r = std::sqrt(RadialTangentialDomain(params.data(), 16, 1.5).limits[0]);
+    const double regular = RegularRadius(map, 1.3 * r);
+    EXPECT_LE(r, regular * (1 + 1e-6)) << draw;
+    folds += std::abs(r - regular) < 1e-6 * r;
+  }
+  EXPECT_GE(folds, 50);
 }
 
 TEST(PlaneMapTest, InvertFollowsTheSegmentWhereNewtonFails) {

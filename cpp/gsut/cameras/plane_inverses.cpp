@@ -150,13 +150,17 @@ constexpr int kMaxCoefficients = 14;
 struct Coefficients {
   std::array<double, kMaxCoefficients> c = {};
   bool is_radial = true;
+  bool is_plain = true;  // polynomial and tangential terms alone
   bool has_tilt = false;
 
   Coefficients(const double* params, int num_params) {
     std::copy(params + 4, params + num_params, c.begin());
-    has_tilt = c[12] != 0.0 || c[13] != 0.0;
-    is_radial = c[2] == 0.0 && c[3] == 0.0 && !has_tilt &&
-                std::all_of(c.begin() + 8, c.begin() + 12, [](double s) { return s == 0.0; });
+    const auto are_none = [this](int first, int last) {
+      return std::all_of(c.begin() + first, c.begin() + last, [](double s) { return s == 0.0; });
+    };
+    has_tilt = !are_none(12, 14);
+    is_radial = are_none(2, 4) && are_none(8, 14);
+    is_plain = are_none(5, 14);
   }
   // g(r^2) = numerator / denominator, both as polynomials in r^2.
   std::array<double, 4> Numerator() const { return {1.0, c[0], c[1], c[4]}; }
@@ -210,10 +214,44 @@ PlaneMap MakePlaneMap(const Coefficients& k) {
   return gsut::MakePlaneMap([&k](const Dual<2>& x, const Dual<2>& y, Dual<2>* u, Dual<2>* v) {
     if (k.has_tilt) {
       lenses::RadialTangential<14>::Distort(k.c.data(), x, y, u, v);
+    } else if (k.is_plain) {
+      lenses::RadialTangential<5>::Distort(k.c.data(), x, y, u, v);
     } else {
       lenses::RadialTangential<12>::Distort(k.c.data(), x, y, u, v);
     }
   });
+}
+
+// Whether the map of a lens without tilt is regular all along the circle of this radius, as far as
+// bounds say. There the radial part's Jacobian is symmetric with eigenvalues g (along the circle)
+// and slope = d(r g)/dr. With p = (p2, p1), q = (s1, s3), q' = (s2, s4) the other terms are
+//   t(x) = r2 p + 2 (p.x) x + r2 q + r2^2 q',   |t| <= r2 (3 |p| + |q| + r2 |q'|),
+//   dt/dx = 2 p x' + 2 x p' + 2 (p.x) I + 2 (q + 2 r2 q') x',   |dt/dx| <= 6 |p| r + ... = turn.
+// While turn < min(g, slope) no part of it makes the Jacobian singular, so its determinant stays
+// positive; and the cross product of the image with its derivative along the circle is at least
+// r (r g (g - turn) - |t| (g + turn)).
+bool IsSurelyRegular(const Coefficients& k, double r) {
+  constexpr double kSafety = 1.001, kSmall = 1e-6;  // far above rounding
+  double slope = 0.0;
+  const double g = DistortRadius(k, r, &slope) / r;
+  const double p = std::hypot(k.c[2], k.c[3]);
+  const double q = std::hypot(k.c[8], k.c[10]), q2 = r * r * std::hypot(k.c[9], k.c[11]);
+  const double moved = kSafety * r * r * (3.0 * p + q + q2);
+  const double turn = kSafety * r * (6.0 * p + 2.0 * q + 4.0 * q2);
+  return turn + kSmall * g < std::min(g, slope) && moved * (g + turn) < r * g * (g - turn);
+}
+
+// A radius up to which the map is regular, for a lens without tilt whose radial part has no pole
+// and rises up to `limit`.
+double SureRadius(const Coefficients& k, double limit) {
+  constexpr int kSteps = 256;  // as RegularRadius looks
+  double sure = 0.0;
+  for (int i = 1; i <= kSteps; ++i) {
+    const double radius = std::tan(std::atan(limit) * i / kSteps);
+    if (!IsSurelyRegular(k, radius)) break;
+    sure = radius;
+  }
+  return sure;
 }
 
 // The radius <= `radius`, inside which the radial part rises, that it takes to `distorted`.
@@ -276,7 +314,10 @@ LensDomain RadialTangentialDomain(const double* params, int num_params, double a
   const double largest = LargestDistortedRadius(params);
   // The radial part gives a first bound, the other terms can only shrink it.
   double radius = CutRadius(k, RadialLimit(k), largest);
-  if (!k.is_radial) radius = RadiusWithin(map, RegularRadius(map, radius), largest);
+  if (!k.is_radial) {
+    const double sure = k.has_tilt ? 0.0 : SureRadius(k, radius);
+    radius = RadiusWithin(map, RegularRadius(map, radius, sure), largest);
+  }
   // std::tan is finite and positive just below 90 degrees.
   if (angle_limit < 0.5 * kPi) radius = std::min(radius, std::tan(angle_limit));
   LensDomain domain;

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <span>
 #include <vector>
 
 namespace gsut {
@@ -76,14 +77,14 @@ std::vector<double> SampleRadii(double limit) {
   return radii;
 }
 
-// The first radius at this azimuth where the map stops being regular; limit if it never does.
-double FirstSingularRadius(const PlaneMap& map, const std::vector<double>& radii, double azimuth,
-                           double limit) {
+// The first radius at this azimuth where the map stops being regular; limit if it never does. Radii
+// up to `good` are regular.
+double FirstSingularRadius(const PlaneMap& map, std::span<const double> radii, double azimuth,
+                           double limit, double good) {
   const double along_x = std::cos(azimuth), along_y = std::sin(azimuth);
   const auto is_regular = [&](double radius) {
     return IsRegular(map, radius * along_x, radius * along_y);
   };
-  double good = 0.0;
   for (const double radius : radii) {
     if (good >= limit) break;
     if (is_regular(radius)) {
@@ -156,12 +157,15 @@ bool Newton(const PlaneMap& map, double radius, double u, double v, int max_step
 }  // namespace
 
 // Azimuths are sampled, and the worst one is refined between its neighbours.
-double RegularRadius(const PlaneMap& map, double limit) {
-  const std::vector<double> radii = SampleRadii(limit);
+double RegularRadius(const PlaneMap& map, double limit, double sure) {
+  const std::vector<double> all = SampleRadii(limit);
+  const auto known = std::upper_bound(all.begin(), all.end(), sure) - all.begin();
+  const std::span<const double> radii = std::span(all).subspan(known);
+  const double good = known == 0 ? 0.0 : all[known - 1];
   double smallest = limit;
   int worst = -1;
   for (int i = 0; i < kAzimuths; ++i) {
-    const double found = FirstSingularRadius(map, radii, Azimuth(i), smallest);
+    const double found = FirstSingularRadius(map, radii, Azimuth(i), smallest, good);
     if (found < smallest) {
       smallest = found;
       worst = i;
@@ -170,7 +174,7 @@ double RegularRadius(const PlaneMap& map, double limit) {
   if (worst < 0) return limit;
   // The margin keeps the domain's own points regular, to rounding.
   const double refined = MinimumNear(
-      worst, [&](double azimuth) { return FirstSingularRadius(map, radii, azimuth, limit); });
+      worst, [&](double azimuth) { return FirstSingularRadius(map, radii, azimuth, limit, good); });
   return std::min(smallest, refined) * (1.0 - kMargin);
 }
 
