@@ -11,7 +11,7 @@ from gsut._core import InputError
 from gsut.check.evidence import Evidence, gather_evidence
 from gsut.check.findings import Finding
 from gsut.data import Scene
-from gsut.data.scene import find_visible_points, has_depths, read_depth
+from gsut.data.scene import find_visible_points, read_depth
 from gsut.render import compute_field_angles
 from gsut.sampling import FEWEST_SAMPLES, choose_evenly
 
@@ -42,7 +42,7 @@ def check_depths(scene: Scene, evidence: Evidence | None = None) -> list[Finding
     Returns:
         A warning that says in which unit, or as what, the files would agree, or nothing.
     """
-    if not has_depths(scene):
+    if all(view.depth_path is None for view in scene.views):
         return []
     others, samples = "the points", _look_up(scene, _list_points(scene))
     if samples.shape[1] < FEWEST_SAMPLES:

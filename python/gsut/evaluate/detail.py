@@ -13,7 +13,7 @@ import numpy as np
 from gsut.judge.checks import MOVING
 
 # Longer side in pixels at which pictures are compared: that of a picture on a page.
-_SIDE = 800
+SIDE = 800
 # Standard deviation in pixels of the window in which contrast is measured, as in SSIM.
 _WINDOW = 1.5
 # Contrast, of full scale, below which a place shows no detail: SSIM's constant K2.
@@ -102,7 +102,7 @@ class _Detail:
     """
 
     def __init__(self, truth: np.ndarray, mask: np.ndarray) -> None:
-        factor = min(1.0, _SIDE / max(mask.shape))
+        factor = min(1.0, SIDE / max(mask.shape))
         self._size = tuple(max(1, round(side * factor)) for side in mask.shape[::-1])
         self._weight = self._resize(mask.astype(np.float32))
         self._coarse = max(1.0, _COARSE * max(self._size))  # a pixel at least

@@ -11,6 +11,7 @@ import numpy as np
 
 from gsut import _core
 from gsut._core import InputError
+from gsut.evaluate.detail import SIDE
 from gsut.evaluate.report_plots import (
     name_ring,
     plot_curve,
@@ -30,7 +31,6 @@ from gsut.render import Confidence
 from gsut.run import RunFile, RunFolder, TrainOptions, Verdict
 
 _MOST_VIEWS = 12  # with pictures, to keep the page small; the table lists all
-_MOST_PIXELS_WIDE = 900  # of an embedded picture: sharp at the width of the page
 _ERROR_FULL = 0.1  # mean absolute difference of the colours, of [0, 1], at the heat map's end
 _DEPTH_PERCENTILES = (1.0, 99.0)  # of all distances shown: the ends of the colour scale
 
@@ -259,4 +259,4 @@ def _read(path: Path) -> np.ndarray:
 
 
 def _embed(image: np.ndarray) -> str:
-    return embed_picture(image, _MOST_PIXELS_WIDE)
+    return embed_picture(image, SIDE)

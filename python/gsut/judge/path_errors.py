@@ -12,7 +12,6 @@ from gsut.gaussians import find_nearest_rotation
 from gsut.judge.epipolar import MOMENTS
 from gsut.judge.hypotheses import Dataset, Hypothesis, Rate, Variant, Variants, climb
 
-_FEWEST = 4  # views of a path along which time can be shifted
 _MOST_VIEWS = 60  # among which poses are exchanged: each is tried in place of each
 
 
@@ -21,7 +20,7 @@ def shift_frames(data: Dataset, frames: np.ndarray) -> Dataset:
     table = np.repeat(data.poses, len(frames), axis=1) if data.poses.shape[1] == 1 else data.poses
     moved = table.copy()
     for path in data.paths:
-        if len(path) >= _FEWEST:
+        if len(path) > 1:
             at = np.clip(np.arange(len(path))[:, None] + frames, 0, len(path) - 1)
             low = np.minimum(at.astype(int), len(path) - 2)
             share, moment = (at - low)[..., None, None], np.arange(len(frames))
@@ -112,7 +111,7 @@ def _suppose_scale_steps(data: Dataset, rate: Rate) -> Variants:
             poses[late, :, :3, 3] = center + np.exp(x[1]) * (poses[late, :, :3, 3] - center)
             return data.place(poses)
 
-        if len(path) >= _FEWEST:
+        if len(path) > 2:
             x = climb(suppose, rate, starts, [len(path) / 16, 0.1])
             yield Variant(f"{np.exp(-x[1]):.2f}", "", suppose(x))
 
