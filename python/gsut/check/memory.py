@@ -10,7 +10,6 @@ from gsut.gaussians import count_bytes_per_gaussian
 from gsut.optimize import DENSIFY_FROM, compute_target_size, find_last_densification
 from gsut.run import PROGRAM_BYTES, TrainOptions, format_size, free_memory
 
-_FIRST = 10_000  # Gaussians with which a scene without points begins, at least
 # Lower bounds: a training that exceeds them cannot run.
 _ROWS = 4  # arrays of a Gaussian's size: parameters, gradient and two moments
 _PIXEL_BYTES = 100  # of a pixel's ray, target, image, gradient and loss
@@ -29,7 +28,7 @@ def check_memory(scene: Scene, options: TrainOptions | None = None) -> Iterator[
     row = count_bytes_per_gaussian(o.sh_degree) * _ROWS
     size = width * height * _PIXEL_BYTES + count * row + PROGRAM_BYTES
     what = (
-        f"training takes about {format_size(size)} of memory (images of up to {width} x {height}, "
+        f"training takes {format_size(size)} of memory at least (images of up to {width} x {height}, "
         f"{count:,} Gaussians of degree {o.sh_degree})"
     )
     free = free_memory()
@@ -62,7 +61,7 @@ def _find_largest(scene: Scene, options: TrainOptions) -> tuple[int, int]:
 def _count_gaussians(scene: Scene, options: TrainOptions) -> int:
     """Counts the Gaussians that there will be in any case; only mcmc's follow from the steps."""
     most, steps = options.most_gaussians, options.steps
-    first = min(len(scene.points) or _FIRST, most)
+    first = min(max(1, len(scene.points)), most)
     recipe = options.recipe
     last = find_last_densification(recipe, steps)
     if options.strategy != "mcmc" or last < max(1.0, DENSIFY_FROM * steps):
