@@ -28,8 +28,8 @@ def check_memory(scene: Scene, options: TrainOptions | None = None) -> Iterator[
     row = count_bytes_per_gaussian(o.sh_degree) * _ROWS
     size = width * height * _PIXEL_BYTES + count * row + PROGRAM_BYTES
     what = (
-        f"training takes {format_size(size)} of memory at least (images of up to {width} x {height}, "
-        f"{count:,} Gaussians of degree {o.sh_degree})"
+        f"training takes {format_size(size)} of memory at least (images of up to {width} x "
+        f"{height}, {count:,} Gaussians of degree {o.sh_degree})"
     )
     free = free_memory()
     if free is None or size <= free:
