@@ -231,7 +231,8 @@ PlaneMap MakePlaneMap(const Coefficients& k) {
 // positive; and the cross product of the image with its derivative along the circle is at least
 // r (r g (g - turn) - |t| (g + turn)).
 bool IsSurelyRegular(const Coefficients& k, double r) {
-  constexpr double kSafety = 1.001, kSmall = 1e-6;  // far above rounding
+  constexpr double kSafety = 1.001;  // far above rounding, as is the next
+  constexpr double kSmall = 1e-6;
   double slope = 0.0;
   const double g = DistortRadius(k, r, &slope) / r;
   const double p = std::hypot(k.c[2], k.c[3]);
