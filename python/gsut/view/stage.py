@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 
 from gsut._core import CameraMotion, InputError
@@ -18,7 +20,7 @@ from gsut.data.scene import find_up, find_upright_poses
 from gsut.formats import TABLE, read_scene_file
 from gsut.gaussians import seed_from_points
 from gsut.lens import Camera
-from gsut.render import Light
+from gsut.render import Light, render
 from gsut.run import RunFile, RunFolder
 from gsut.training import open_trained, read_light
 
@@ -30,12 +32,14 @@ _POINT_OPACITY = 0.95
 _MOST_POINTS = 300_000
 # Percentiles of the centres that bound a scene without cameras.
 _MIDDLE_PERCENT = (10.0, 90.0)
-# Distance of the first pose of such a scene, x its radius.
-_FIRST_DISTANCE = 2.5
+# Distances from the middle of such a scene, x its radius, of the poses of which one is the first.
+_FIRST_DISTANCES = (2.5, 1.0, 0.5, 0.0)
 # Size of the first image of such a scene in pixels.
 _FIRST_SIZE = (1280, 960)
-# Focal length of the first lens of such a scene in pixels.
-_FIRST_FOCAL = 800.0
+# Size of the pictures among which the first pose is chosen.
+_TRIAL_SIZE = (160, 120)
+# Focal length of the first lens of such a scene, x the image's width.
+_FIRST_FOCAL = 0.625
 
 
 @dataclasses.dataclass
@@ -63,15 +67,14 @@ class Stage:
     figures: dict[str, Any] = dataclasses.field(default_factory=dict)
     light: Light | None = None
     antialiased: bool = False
+    _first_pose: np.ndarray | None = dataclasses.field(default=None, init=False, repr=False)
 
     @property
     def cameras(self) -> tuple[Camera, ...]:
         """The dataset's lenses; a pinhole for a file of Gaussians."""
         if self.scene is not None:
             return self.scene.cameras
-        width, height = _FIRST_SIZE
-        params = [_FIRST_FOCAL, _FIRST_FOCAL, width / 2, height / 2]
-        return (Camera("pinhole", params, width, height),)
+        return (_make_lens(*_FIRST_SIZE),)
 
     def place(self) -> dict[str, Any]:
         """Places the scene: up (3,), center (3,), extent, and the first pose (4, 4), upright."""
@@ -82,9 +85,36 @@ class Stage:
             means = self.gaussians.means + self.gaussians.origin
         low, high = np.percentile(means, _MIDDLE_PERCENT, axis=0)
         center, extent = (low + high) / 2, float(np.linalg.norm(high - low) / 2) or 1.0
+        if self._first_pose is None:
+            self._first_pose = _find_first_pose(self.gaussians, center, extent)
+        up = np.array([0.0, -1.0, 0.0])
+        return {"up": up, "center": center, "extent": extent, "pose": self._first_pose}
+
+
+def _make_lens(width: int, height: int) -> Camera:
+    focal = _FIRST_FOCAL * width
+    return Camera("pinhole", [focal, focal, width / 2, height / 2], width, height)
+
+
+def _find_first_pose(gaussians: Any, center: np.ndarray, extent: float) -> np.ndarray:
+    """Finds the pose (4, 4), of some around a scene and in it, whose render has most detail.
+
+    From others one looks through a wall, or at one from behind, and sees fog.
+    """
+    poses, lens = [], _make_lens(*_TRIAL_SIZE)
+    for distance, quarter in itertools.product(_FIRST_DISTANCES, range(4)):
         pose = np.eye(4)
-        pose[:3, 3] = -center + [0, 0, _FIRST_DISTANCE * extent]
-        return {"up": np.array([0.0, -1.0, 0.0]), "center": center, "extent": extent, "pose": pose}
+        pose[:3, :3] = np.round(cv2.Rodrigues(np.array([0.0, quarter * np.pi / 2, 0.0]))[0])
+        pose[:3, 3] = pose[:3, :3] @ -center + [0, 0, distance * extent]
+        poses.append(pose)
+    if gaussians is None or not len(gaussians):
+        return poses[0]
+
+    def measure_detail(pose: np.ndarray) -> float:
+        image = render(gaussians, lens, pose).image
+        return float(sum(np.abs(np.diff(image, axis=axis)).mean() for axis in (0, 1)))
+
+    return max(poses, key=measure_detail)
 
 
 def _place_views(scene: Scene) -> dict[str, Any]:

@@ -319,3 +319,27 @@ def test_large_frame_gives_its_memory_back(session, scene, monkeypatch):
     session.draw_frame(wanted(scene, width=3 * SIZE, height=3 * SIZE))
     assert session.frames._buffers == ()
     assert [size[1] for size in session.lenses._resized] == [2 * SIZE]
+
+
+def test_file_of_gaussians_is_first_shown_from_where_it_is_clear():
+    # A coloured ball inside a shell of large dull Gaussians: from outside only the shell is seen.
+    rng = rng_of("first pose")
+    directions = rng.normal(size=(5000, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    radii = np.where(np.arange(5000) < 4000, 1.0, 4.0)[:, None]
+    colors = np.where(radii < 2.0, rng.uniform(-1.5, 1.5, (5000, 3)), 0.0)
+    gaussians = gsut.Gaussians(
+        radii * directions + [10.0, 0.0, -5.0], np.tile([1.0, 0.0, 0.0, 0.0], (5000, 1)),
+        np.log(np.repeat(np.where(radii < 2.0, 0.03, 0.6), 3, axis=1)), np.full(5000, 4.0),
+        colors[:, None, :],
+    )  # fmt: skip
+    stage = Stage("ball", "file", gaussians)
+    place = stage.place()
+    eye = np.linalg.inv(place["pose"])[:3, 3]
+    assert np.linalg.norm(eye - [10.0, 0.0, -5.0]) < 3.9
+    np.testing.assert_allclose(place["center"], [10.0, 0.0, -5.0], atol=0.1)
+    assert stage.place()["pose"] is place["pose"]  # looked for once
+
+
+def test_stage_without_gaussians_has_a_first_pose():
+    assert np.linalg.inv(Stage("none", "file").place()["pose"])[2, 3] == -2.5
