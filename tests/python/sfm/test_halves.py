@@ -8,8 +8,9 @@ import pytest
 
 import tolerances
 from gsut.sfm.lens import measure_pose_differences
+from gsut.sfm.solution import Adjustment, ReadoutMotion
 from gsut.sfm.starts.halves import compare_halves, split_matches
-from made_flight import fly_again, list_true_poses
+from made_flight import DOWN, fly_again, list_true_poses
 
 
 @pytest.fixture(scope="module")
@@ -42,6 +43,17 @@ def test_difference_of_halves_is_about_the_error_of_the_poses(flight):
     error = np.quantile(measure_pose_differences(solution, right, solution), 0.9)
     print("error over half the difference", error / tenth)
     assert 1 / tolerances.HALVES_FACTOR < error / tenth < tolerances.HALVES_FACTOR
+
+
+def test_velocities_during_a_readout_add_to_the_difference_of_halves(monkeypatch):
+    flight = fly_again(3, relief=0.3, turn=0.3, speed=0.2)
+    still = dataclasses.replace(flight.solved, shutter=None, velocities=None)
+    motion = ReadoutMotion(DOWN, 1.0, np.zeros((12, 6)))
+    flight = flight.replace(solution=flight.adjust(Adjustment(motion=motion), still))
+    own = compare_halves(flight).found.pose_errors_px
+    monkeypatch.setattr(ReadoutMotion, "free", ReadoutMotion.hold)
+    held = compare_halves(flight).found.pose_errors_px
+    assert own[0] > 1.15 * held[0] and own[1] > 1.15 * held[1]
 
 
 def test_few_points_make_halves_differ_more_or_lose_images(flight):

@@ -70,6 +70,10 @@ class RigConstraint:
         }
 
 
+# Relative deviation from their velocities of images whose poses are judged.
+_HARDLY_KNOWN = 0.3
+
+
 @dataclasses.dataclass(frozen=True)
 class ReadoutMotion:
     """How the camera moves while images are read line by line.
@@ -107,6 +111,12 @@ class ReadoutMotion:
             lengths = np.where(solution.lines.readouts > 0, solution.lines.readouts, np.nan)
             rates = rates / lengths[:, None]
         return cls(solution.shutter, 1.0, rates)
+
+    @classmethod
+    def free(cls, solution: Solution) -> ReadoutMotion | None:
+        """Returns the motion that hardly knows a solution's velocities."""
+        motion = cls.follow(solution)
+        return motion and dataclasses.replace(motion, sigma=_HARDLY_KNOWN)
 
     @classmethod
     def hold(cls, solution: Solution) -> ReadoutMotion | None:

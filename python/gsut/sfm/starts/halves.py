@@ -36,8 +36,8 @@ def measure_halves(mapping: Mapping) -> tuple[float, float] | None:
     """Measures half of the difference of poses adjusted with either half of the points.
 
     It shows what points do not share: wrong matches, and too few of them to hold a pose. An error
-    that they share, of the lens or the shutter, is in both; the lens, and velocities during a
-    readout, are held. Few images are dealt several times.
+    that they share, of the lens, is in both. Velocities during a readout explain much of what poses
+    do, so each half finds its own. Few images are dealt several times.
 
     Returns:
         Pixels that nine and six in ten pairs of images stay below, infinite where halves hold no
@@ -57,7 +57,7 @@ def _draw_differences(mapping: Mapping, seed: int) -> np.ndarray:
     solution = mapping.solved
     adjustment = Adjustment(
         lens_settled=True,
-        motion=ReadoutMotion.hold(solution),
+        motion=ReadoutMotion.free(solution),
         covariances=False,
         turns=mapping.turns,
         min_inliers=HALF_INLIERS,
