@@ -165,7 +165,8 @@ def write_film(film: Film, target: Path) -> None:
     camera = film.camera
     with av.open(str(target), "w") as out:
         rate = fractions.Fraction(film.frame_rate).limit_denominator(1001)
-        stream = out.add_stream("libx264", rate=rate, options={"crf": str(film.crf)})
+        options = {"crf": str(film.crf), "threads": "1"}  # several make other bits each time
+        stream = out.add_stream("libx264", rate=rate, options=options)
         size = camera.width * len(film.lenses), camera.height
         stream.width, stream.height = size[::-1] if film.sideways else size
         stream.pix_fmt = "yuv420p"
