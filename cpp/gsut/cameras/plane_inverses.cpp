@@ -242,19 +242,6 @@ bool IsSurelyRegular(const Coefficients& k, double r) {
   return turn + kSmall * g < std::min(g, slope) && moved * (g + turn) < r * g * (g - turn);
 }
 
-// A radius up to which the map is regular, for a lens without tilt whose radial part has no pole
-// and rises up to `limit`.
-double SureRadius(const Coefficients& k, double limit) {
-  constexpr int kSteps = 256;  // as RegularRadius looks
-  double sure = 0.0;
-  for (int i = 1; i <= kSteps; ++i) {
-    const double radius = std::tan(std::atan(limit) * i / kSteps);
-    if (!IsSurelyRegular(k, radius)) break;
-    sure = radius;
-  }
-  return sure;
-}
-
 // The radius <= `radius`, inside which the radial part rises, that it takes to `distorted`.
 double InvertRadius(const Coefficients& k, double radius, double distorted) {
   const auto f = [&k](double r, double* derivative) { return DistortRadius(k, r, derivative); };
@@ -316,8 +303,8 @@ LensDomain RadialTangentialDomain(const double* params, int num_params, double a
   // The radial part gives a first bound, the other terms can only shrink it.
   double radius = CutRadius(k, RadialLimit(k), largest);
   if (!k.is_radial) {
-    const double sure = k.has_tilt ? 0.0 : SureRadius(k, radius);
-    radius = RadiusWithin(map, RegularRadius(map, radius, sure), largest);
+    const auto is_sure = [&k](double r) { return !k.has_tilt && IsSurelyRegular(k, r); };
+    radius = RadiusWithin(map, RegularRadius(map, radius, is_sure), largest);
   }
   // std::tan is finite and positive just below 90 degrees.
   if (angle_limit < 0.5 * kPi) radius = std::min(radius, std::tan(angle_limit));

@@ -157,9 +157,11 @@ bool Newton(const PlaneMap& map, double radius, double u, double v, int max_step
 }  // namespace
 
 // Azimuths are sampled, and the worst one is refined between its neighbours.
-double RegularRadius(const PlaneMap& map, double limit, double sure) {
+double RegularRadius(const PlaneMap& map, double limit,
+                     const std::function<bool(double radius)>& is_sure) {
   const std::vector<double> all = SampleRadii(limit);
-  const auto known = std::upper_bound(all.begin(), all.end(), sure) - all.begin();
+  std::size_t known = 0;
+  while (is_sure && known < all.size() && is_sure(all[known])) ++known;
   const std::span<const double> radii = std::span(all).subspan(known);
   const double good = known == 0 ? 0.0 : all[known - 1];
   double smallest = limit;

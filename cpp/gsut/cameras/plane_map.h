@@ -30,8 +30,9 @@ PlaneMap MakePlaneMap(Distort distort) {
 // the disc is star-shaped about the origin, which is what InvertPlaneMap relies on.
 // Sampled on a polar grid (64 azimuths x 256 radii, uniform in atan(r), and more towards a far
 // limit), the boundary refined by bisection in radius and golden section in azimuth, minus a
-// relative 1e-9. Circles up to radius `sure`, which are known to be so, are not looked at.
-double RegularRadius(const PlaneMap& map, double limit, double sure = 0.0);
+// relative 1e-9. Of circles up to the first that `is_sure` does not vouch for, none is looked at.
+double RegularRadius(const PlaneMap& map, double limit,
+                     const std::function<bool(double radius)>& is_sure = nullptr);
 
 // The smallest and the largest |(u, v)| on the circle of this radius, sampled and refined likewise.
 struct ImageRadii {

@@ -9,10 +9,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
-from gsut._core import CameraMotion, InputError
+from gsut._core import CameraMotion, InputError, exp_pose
 from gsut.check import Finding
 from gsut.data import Scene, load_dataset
 from gsut.data.poses import invert_pose
@@ -103,8 +102,7 @@ def _find_first_pose(gaussians: Any, center: np.ndarray, extent: float) -> np.nd
     """
     poses, lens = [], _make_lens(*_TRIAL_SIZE)
     for distance, quarter in itertools.product(_FIRST_DISTANCES, range(4)):
-        pose = np.eye(4)
-        pose[:3, :3] = np.round(cv2.Rodrigues(np.array([0.0, quarter * np.pi / 2, 0.0]))[0])
+        pose = exp_pose([0.0, 0.0, 0.0, 0.0, quarter * np.pi / 2, 0.0])
         pose[:3, 3] = pose[:3, :3] @ -center + [0, 0, distance * extent]
         poses.append(pose)
     if gaussians is None or not len(gaussians):

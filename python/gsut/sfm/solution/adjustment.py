@@ -70,10 +70,6 @@ class RigConstraint:
         }
 
 
-# Relative deviation from their velocities of images whose poses are judged.
-_HARDLY_KNOWN = 0.3
-
-
 @dataclasses.dataclass(frozen=True)
 class ReadoutMotion:
     """How the camera moves while images are read line by line.
@@ -113,16 +109,15 @@ class ReadoutMotion:
         return cls(solution.shutter, 1.0, rates)
 
     @classmethod
-    def free(cls, solution: Solution) -> ReadoutMotion | None:
-        """Returns the motion that hardly knows a solution's velocities."""
-        motion = cls.follow(solution)
-        return motion and dataclasses.replace(motion, sigma=_HARDLY_KNOWN)
+    def hold(cls, solution: Solution, sigma: float = 0.0) -> ReadoutMotion | None:
+        """Returns the motion that keeps a solution's velocities; None: a global shutter.
 
-    @classmethod
-    def hold(cls, solution: Solution) -> ReadoutMotion | None:
-        """Returns the motion that keeps a solution's velocities; None: a global shutter."""
+        Args:
+            solution: with the velocities.
+            sigma: relative deviation to which they are known.
+        """
         motion = cls.follow(solution)
-        return motion and dataclasses.replace(motion, sigma=0.0)
+        return motion and dataclasses.replace(motion, sigma=sigma)
 
 
 @dataclasses.dataclass(frozen=True)

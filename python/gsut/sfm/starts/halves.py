@@ -20,6 +20,8 @@ MOST_IMAGES = 200
 _SHARES = (0.9, 0.6)  # of the pairs of images, that agree where poses are good, and usable
 # Images times draws of halves, at least: of few images one draw says little, and costs little.
 _IMAGES_DRAWN = 40
+# Relative deviation of each half's velocities during a readout from those found.
+_VELOCITY_SIGMA = 0.3
 # Half of the matches hold an image that all of them hold. A pose found by three points fits these,
 # and if it is wrong one or two more of a hundred.
 HALF_INLIERS = Adjustment.min_inliers // 2
@@ -57,7 +59,7 @@ def _draw_differences(mapping: Mapping, seed: int) -> np.ndarray:
     solution = mapping.solved
     adjustment = Adjustment(
         lens_settled=True,
-        motion=ReadoutMotion.free(solution),
+        motion=ReadoutMotion.hold(solution, _VELOCITY_SIGMA),
         covariances=False,
         turns=mapping.turns,
         min_inliers=HALF_INLIERS,
